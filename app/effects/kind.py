@@ -14,6 +14,7 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.shape import Rising, Shape
 from app.errors import list_names
+from app.thermal.error_map import ErrorMap
 
 DrawnOver: TypeAlias = Literal["driver", "time", "position"]
 
@@ -35,6 +36,22 @@ class Shakes(StrEnum):
 
     VALUES = "values"
     """All that is seen in the same channels: the values, or their places, are not what they say."""
+
+
+class OverTime(StrEnum):
+    """How something comes with time, as the zero of an instrument may too."""
+
+    GROWS = "it grows evenly"
+    BEGINS = "it begins at one time, and stays"
+
+
+class AsOtherSensor(StrEnum):
+    """What a kind is where a component seems to follow another sensor than its own."""
+
+    RIVAL = "it may explain by itself what the other sensor would"
+    IMITATION = "with sizes that are fitted it does there what the other sensor does without any"
+    SAME = "it is the same under another name"
+    NO_RIVAL = "no single temperature moves it"
 
 
 class Named(Protocol):
@@ -105,6 +122,17 @@ class EffectKind(ABC):
     same at whatever temperature it was seen. A kind is `never_sure`, for the stated reason,
     where the machine may do just the same: it is suspected at most, and what cannot be told from
     it is not adopted by default.
+
+    What comes `over_time` an instrument may do as well. What is `of_time_alone` does not come
+    again with temperatures or states: the machine is no longer what it was. What is `constant` is
+    the same at all times and temperatures, as an instrument's zero is. `as_other_sensor` says what
+    a kind is beside the claim that a component follows another sensor.
+
+    When a component is measured again, an adopted effect may no longer hold. One `lacked_by_maps`
+    is of components that no two maps had, and goes once they have them. One that is `zero_in_maps`,
+    in each map's own thermal state, goes where it does not know that state. What is
+    `measured_along` is in any new map. `gone` says why it is left out where the maps no longer
+    state what it needs.
     """
 
     kind: ClassVar[str]
@@ -124,6 +152,14 @@ class EffectKind(ABC):
     spoils: ClassVar[Mapping[str, str]] = {}
     shakes: ClassVar[Shakes | None] = None
     alternates: ClassVar[bool] = False
+    over_time: ClassVar[OverTime | None] = None
+    of_time_alone: ClassVar[bool] = False
+    constant: ClassVar[bool] = False
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.RIVAL
+    lacked_by_maps: ClassVar[bool] = False
+    zero_in_maps: ClassVar[bool] = False
+    measured_along: ClassVar[bool] = False
+    gone: ClassVar[str] = "a map does not state the temperatures that it needs"
 
     @abstractmethod
     def propose(self, view: CampaignView) -> Proposals:
@@ -158,6 +194,16 @@ class EffectKind(ABC):
         """Say what in an effect's own size speaks against its name; empty where nothing does."""
         del effect
         return ""
+
+    def may_be_instruments(self, effect: Effect) -> bool:
+        """Whether an instrument's zero may do just what an effect does, as time goes on."""
+        del effect
+        return self.over_time is not None
+
+    def is_measured_along(self, new_map: ErrorMap, effect: Effect) -> bool:
+        """Whether a new map of an effect's component contains what the effect corrects."""
+        del new_map, effect
+        return self.measured_along
 
     def separating_measurement(self, effect: Named, rival: Named) -> str:
         """Name what to measure to tell an effect from a rival.

@@ -13,16 +13,11 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from app.answer import Answer, Codes, Sensors, UnitSymbol
-from app.effects.kinds.drift import Drift
-from app.effects.kinds.step import Step
 from app.effects.registry import explain, kind_of
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis, Verdict
 from app.identification.analysis.found_effect import FoundEffect, Parameters
 from app.identification.analysis.tried_effect import TriedEffect, claim_of
-
-DRIFTING: Final = {Drift.kind, Step.kind}
-"""Kinds that say that a machine is no longer what it was."""
 
 Likeness: TypeAlias = tuple[str, tuple[tuple[str, float, float], ...], tuple[str, ...]]
 """Configuration, travels [mm] and sensors."""
@@ -260,7 +255,7 @@ def _machine(members: Sequence[Member], member: Member) -> FleetMachine:
 def _drifts(member: Member) -> str | None:
     """Say why a machine is no longer what its model says; None where nothing says so."""
     effects = member.result.effects if member.result else ()
-    reasons = [one.explanation for one in effects if one.kind in DRIFTING]
+    reasons = [one.explanation for one in effects if kind_of(one.kind).of_time_alone]
     if member.watch == "beyond":
         reasons.insert(0, "the latest verifications exceed the limits of its watch")
     return "; ".join(reasons) or None

@@ -20,6 +20,10 @@ FLEXIBLE: Final = "flexible"
 """The test of a found term's flexible versions."""
 
 
+FEW_VISITS: Final = "few-visits"
+"""Why a candidate is not tested that changes from visit to visit."""
+
+
 class Verdict(StrEnum):
     """The answer in a word."""
 

@@ -19,6 +19,7 @@ from app.search.detectability import smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
     ALIKE_OUTLIERS,
+    FEW_VISITS,
     FLEXIBLE,
     ChannelNoise,
     Detectable,
@@ -457,7 +458,7 @@ def _untested(library: Library, rank: FloatArray) -> list[Untested]:
         if not testable and not candidate.generic:
             found.append(Untested(candidate.key, "not-excited"))
         elif few and not candidate.generic:
-            found.append(Untested(candidate.key, "few-visits", FEWEST_BLOCKS, count))
+            found.append(Untested(candidate.key, FEW_VISITS, FEWEST_BLOCKS, count))
     return found
 
 

@@ -11,9 +11,10 @@ from app.effects.adopted.live_effects import corrected_tables
 from app.effects.adopted.live_lags import LiveLags
 from app.effects.conditions import Conditions
 from app.effects.driver import Curvature
+from app.effects.kinds.drift import Drift
 from app.effects.low_pass import Hold, LagState
 from app.effects.past import needed_past
-from app.effects.registry import explain
+from app.effects.registry import KINDS, explain
 from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -80,6 +81,14 @@ def test_what_a_new_map_has_measured_along_is_left_out(each):
     kept, notes = carry_over([effect], change(new_map(code)))
     assert kept == []
     assert notes == [f"{effect.kind} of {code} left out: it was measured again in map 'Run #9'"]
+
+
+@pytest.mark.parametrize("along", [True, False])
+def test_a_new_kind_says_of_itself_whether_a_new_map_contains_it(monkeypatch, along):
+    monkeypatch.setitem(KINDS, "creeping", type("Creeping", (Drift,), {"measured_along": along})())
+    effect = replace(fitted("drift|since the maps"), kind="creeping")
+    kept, _ = carry_over([effect], change(new_map(*effect.components)))
+    assert kept == ([] if along else [effect])
 
 
 def test_a_step_is_left_out_if_the_map_is_from_after_it():

@@ -9,8 +9,10 @@ import pytest
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.effects.flexible import OVER_TIME
+from app.effects.kind import OverTime
+from app.effects.kinds.step import Step
 from app.effects.observations import Observation, Verification, observation_rows
-from app.effects.registry import kind_of
+from app.effects.registry import KINDS, kind_of
 from app.identification.analysis.adoption import (
     AS_SLOW_AS_CAN_BE,
     BESIDE_A_MISTAKE,
@@ -352,6 +354,14 @@ def test_a_step_that_one_setup_alone_knows_may_be_the_instruments(last):
     assert judged(other, other, kinds=("step",))[0].helps == (last == 2)
     # A late sensor does not hang on when somebody looked.
     assert judged(step, step, kinds=("thermal-lag",))[0].helps
+
+
+@pytest.mark.parametrize(("over_time", "helps"), [(OverTime.BEGINS, False), (None, True)])
+def test_a_new_kind_is_judged_by_what_it_says_of_itself(monkeypatch, over_time, helps):
+    monkeypatch.setitem(KINDS, "creeping", type("Creeping", (Step,), {"over_time": over_time})())
+    step = np.where(campaign().visit >= VISITS - 1, 5.0, 0.0)
+    (one,) = judged(step, step, kinds=("creeping",))
+    assert one == ((True, None) if helps else (False, OF_EITHER))
 
 
 @pytest.mark.parametrize(

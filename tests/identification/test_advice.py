@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from app.identification.analysis.advice import summary, what_next
 from app.identification.analysis.analysis import UnexplainedPart
@@ -28,7 +29,7 @@ def summed_up(*effects):
 
 
 def advised(*effects):
-    return what_next(read(*effects).effects, (), (), visits=30)
+    return what_next(read(*effects).effects, (), visits=30)
 
 
 def test_a_mistake_that_is_sure_comes_first():
@@ -92,9 +93,18 @@ def test_what_nobody_knows_more_of_is_looked_at_together():
         UnexplainedPart(code, 2.0, 1.0, "µm", moves_with, ("held-out",))
         for code, moves_with in (("EXX", ()), ("EYY", ("feed",)), ("EZZ", ()))
     ]
-    first, second = what_next((), unknown, (), visits=30)
+    first, second = what_next((), unknown, visits=30)
     assert first.startswith("Look at EYY: it moves with feed. Record")
     assert second.startswith("Look at EXX, EZZ. Record")
+
+
+@pytest.mark.parametrize(
+    ("visits", "is_short", "asks"),
+    [(7, False, True), (8, False, False), (8, True, True), (19, True, True), (20, True, False)],
+)
+def test_more_visits_are_asked_for_while_something_lacks_them(visits, is_short, asks):
+    first, *_ = what_next((), (), visits=visits, is_short_of_visits=is_short)
+    assert first.startswith("Add visits at other temperatures: ") is asks
 
 
 def test_values_that_were_left_out_are_named_with_their_size():
@@ -124,7 +134,7 @@ def test_a_visit_that_was_left_out_is_measured_again():
 
 def test_visits_at_one_hour_of_the_day_are_said_to_tell_nothing_of_others():
     morning_s = 86400.0 * np.arange(12.0) + 34200.0
-    (words,) = what_next((), (), (), visits=30, times_s=morning_s)
+    (words,) = what_next((), (), visits=30, times_s=morning_s)
     assert "between 09:30 and 09:30 UTC" in words
-    (words,) = what_next((), (), (), visits=30, times_s=morning_s + 9000.0 * np.arange(12.0))
+    (words,) = what_next((), (), visits=30, times_s=morning_s + 9000.0 * np.arange(12.0))
     assert words.startswith("Nothing needs to be done")

@@ -7,42 +7,22 @@ sensor that the component followed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 from app.effects.campaign_view import beyond_maps
 from app.effects.driver import BeyondMaps, Curvature, Driver, ShareOfMap
 from app.effects.effect import Effect
-from app.effects.kinds.additional_sensor import AdditionalSensor
-from app.effects.kinds.ageing_sensor import AgeingSensor
-from app.effects.kinds.angular import Angular
-from app.effects.kinds.backlash import Backlash
-from app.effects.kinds.detached_sensor import DetachedSensor
-from app.effects.kinds.drift import Drift
-from app.effects.kinds.map_temperature import MapTemperature
-from app.effects.kinds.nonrigid_slope import NonrigidSlope
-from app.effects.kinds.outdated_map import OutdatedMap
 from app.effects.kinds.response import Response
 from app.effects.kinds.sensor_fault import BIAS, SensorFault
-from app.effects.kinds.sensor_gradient import SensorGradient
-from app.effects.kinds.step import Step
-from app.effects.kinds.temperature_curvature import TemperatureCurvature
-from app.effects.kinds.wrong_map import WrongMap
+from app.effects.kinds.step import is_after_change
 from app.effects.map_tables import maps_of_label, temperatures_of_maps
+from app.effects.registry import kind_of
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.errors import list_names
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
-
-LACKED_BY_MAPS: Final = frozenset({Angular.kind, NonrigidSlope.kind})
-"""Components that no two maps had."""
-
-BESIDE_MAPS: Final = frozenset(
-    {AdditionalSensor.kind, SensorGradient.kind, TemperatureCurvature.kind}
-)
-"""Zero in each map's own thermal state, if they know it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +56,7 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
             still = [term for term in own if term is not None]
             why = _why_over(effect, code, change)
             if not why and len(still) < len(own):
-                why = _GONE.get(effect.kind, "a map does not state the temperatures that it needs")
+                why = kind_of(effect.kind).gone
             why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
             if why:
                 notes.append(f"{effect.kind} of {code} left out: {why}")
@@ -113,16 +93,15 @@ def without_replaced(known: Sequence[Effect], adopted: Sequence[Effect]) -> list
 
 def _why_over(effect: Effect, code: str, change: Change) -> str:
     """Say why an effect no longer holds for a component, empty where it does."""
-    before, after = change.before.find(code), change.after.find(code)
+    before, after, kind = change.before.find(code), change.after.find(code), kind_of(effect.kind)
     if before and after and effect.sensors and before[0].sensor != after[0].sensor:
         return f"{code} follows {after[0].sensor} now"
     if all(_from_after_fault(effect, code, change)):
         return f"all maps were measured after it, and state what {effect.sensors[0]} read"
-    if effect.kind in LACKED_BY_MAPS and after and not before:
+    if kind.lacked_by_maps and after and not before:
         return f"the maps have {code} now"
-    contains = _CONTAINS.get(effect.kind, _never)
-    again = any(contains(new_map, effect) for new_map in change.measured_again(code))
-    if again or (effect.kind in BESIDE_MAPS and _is_inside(effect, code, change)):
+    again = any(kind.is_measured_along(one, effect) for one in change.measured_again(code))
+    if again or (kind.zero_in_maps and _is_inside(effect, code, change)):
         labels = list_names(repr(m.label) for m in change.measured_again(code))
         return f"it was measured again in map {labels}"
     return ""
@@ -134,13 +113,13 @@ def _from_after_fault(effect: Effect, code: str, change: Change) -> list[bool]:
     if effect.kind != SensorFault.kind or effect.variant != BIAS or after is None:
         return [False]
     maps = (m for label in after[0].labels for m in maps_of_label(change.maps, label))
-    return [_after_the_step(m, effect) for m in maps]
+    return [is_after_change(m, effect) for m in maps]
 
 
 def _is_mixed(effect: Effect, code: str, change: Change) -> bool:
     """Whether a new map states a biased temperature beside older ones that do not."""
     return any(_from_after_fault(effect, code, change)) and any(
-        _after_the_step(m, effect) for m in change.measured_again(code)
+        is_after_change(m, effect) for m in change.measured_again(code)
     )
 
 
@@ -242,44 +221,3 @@ def _noted(model: CompiledModel, code: str) -> dict[str, float]:
     group, scale = found[0], found[0].scales[0]
     stated = zip(scale.rows, scale.temperatures_c, strict=True)
     return {group.labels[row]: t for row, t in stated}
-
-
-def _always(new_map: ErrorMap, effect: Effect) -> bool:
-    return True
-
-
-def _never(new_map: ErrorMap, effect: Effect) -> bool:
-    return False
-
-
-def _after_the_step(new_map: ErrorMap, effect: Effect) -> bool:
-    return new_map.measured_at.timestamp() >= effect.parameters["changed_at_unix_s"]
-
-
-def _from_both_sides(new_map: ErrorMap, effect: Effect) -> bool:
-    tables = (new_map.tables.get(code) for code in effect.components)
-    return any(table is not None and table.backward_errors is not None for table in tables)
-
-
-def _in_its_place(new_map: ErrorMap, effect: Effect) -> bool:
-    (of_map,) = {term.driver for term in effect.terms if isinstance(term.driver, ShareOfMap)}
-    return new_map.temperatures_c.get(of_map.sensor) == of_map.map_c
-
-
-_GONE: Final = {
-    MapTemperature.kind: "its map is gone, or its temperature has been put right",
-    WrongMap.kind: "its map is gone, or counts as one state with another map",
-}
-"""Why no term of a kind is left, where that is not for want of a temperature."""
-
-_CONTAINS: Final[dict[str, Callable[[ErrorMap, Effect], bool]]] = {
-    OutdatedMap.kind: _always,
-    WrongMap.kind: _in_its_place,
-    Drift.kind: _always,
-    Step.kind: _after_the_step,
-    Backlash.kind: _from_both_sides,
-    Response.kind: _always,
-    AgeingSensor.kind: _always,
-    DetachedSensor.kind: _always,
-}
-"""Kinds of which a new map of their component contains what it was corrected by."""

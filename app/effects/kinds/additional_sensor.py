@@ -9,7 +9,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import AboveReference
 from app.effects.effect import Effect
-from app.effects.kind import EffectKind, Need, Proposals, constant_sensors
+from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposals, constant_sensors
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
     LATE,
@@ -26,6 +26,8 @@ class AdditionalSensor(EffectKind):
 
     kind: ClassVar[str] = "additional-sensor"
     text: ClassVar[str] = "a component also moves with a second sensor, at once or late"
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
+    zero_in_maps: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (

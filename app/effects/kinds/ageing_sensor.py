@@ -9,7 +9,7 @@ from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import SinceReference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import DrawnOver, EffectKind, Need, OverTime, Proposals
 from app.effects.kinds.drift import beginnings_s
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
@@ -27,6 +27,8 @@ class AgeingSensor(EffectKind):
 
     kind: ClassVar[str] = "ageing-sensor"
     text: ClassVar[str] = "a sensor's bias grows steadily with time"
+    over_time: ClassVar[OverTime | None] = OverTime.GROWS
+    measured_along: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True

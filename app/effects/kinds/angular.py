@@ -18,6 +18,7 @@ class Angular(EffectKind):
 
     kind: ClassVar[str] = "angular"
     text: ClassVar[str] = "a roll, pitch or yaw error that the maps lack"
+    lacked_by_maps: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
     of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (

@@ -14,6 +14,7 @@ from app.effects.shape import Everywhere, Rising
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
+from app.thermal.error_map import ErrorMap
 
 CONSTANT, ALONG = "constant", "along the axis"
 
@@ -59,6 +60,11 @@ class Backlash(EffectKind):
         """Say how large the reversal is."""
         how = size_along(effect, "reversal", symbol_of(effect.components[0]))
         return f"{effect.components[0]} has a reversal value of {how}"
+
+    def is_measured_along(self, new_map: ErrorMap, effect: Effect) -> bool:
+        """Whether the map was measured in both directions."""
+        tables = (new_map.tables.get(code) for code in effect.components)
+        return any(table is not None and table.backward_errors is not None for table in tables)
 
 
 def _hypothesis(code: str, rising: Rising | None) -> Hypothesis:

@@ -9,7 +9,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import Difference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis, Reported
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Need, Proposals
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, parameter
@@ -35,6 +35,8 @@ class DetachedSensor(EffectKind):
     text: ClassVar[str] = (
         "a sensor reads a mix of its body's temperature and that of its surroundings"
     )
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
+    measured_along: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "time"
     share_of: ClassVar[str] = "of its body's temperature in the reading"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})

@@ -16,6 +16,7 @@ from app.effects.kind import (
     DrawnOver,
     EffectKind,
     Need,
+    OverTime,
     Proposals,
     amplitudes_of,
     by_comparable_shapes,
@@ -34,6 +35,9 @@ class Drift(EffectKind):
 
     kind: ClassVar[str] = "drift"
     text: ClassVar[str] = "a change linear in time: wear, creep, settling"
+    over_time: ClassVar[OverTime | None] = OverTime.GROWS
+    of_time_alone: ClassVar[bool] = True
+    measured_along: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True

@@ -12,7 +12,15 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes, constant_sensors
+from app.effects.kind import (
+    AsOtherSensor,
+    DrawnOver,
+    EffectKind,
+    Need,
+    Proposals,
+    Shakes,
+    constant_sensors,
+)
 from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures, since
@@ -37,6 +45,7 @@ class ExchangedSensors(EffectKind):
 
     kind: ClassVar[str] = "exchanged-sensors"
     text: ClassVar[str] = "two sensors are swapped: each reads the temperature of the other's place"
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
     drawn_over: ClassVar[DrawnOver] = "time"
     share_of: ClassVar[str] = "of what swapping the two readings would cause: 1 if they are swapped"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})

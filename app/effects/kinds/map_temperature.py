@@ -38,6 +38,7 @@ class MapTemperature(EffectKind):
 
     kind: ClassVar[str] = "map-temperature"
     text: ClassVar[str] = "the temperature of a map was recorded wrongly"
+    gone: ClassVar[str] = "its map is gone, or its temperature has been put right"
     share_of: ClassVar[str] = "of what the tables say once that temperature is put right"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     drawn_over: ClassVar[DrawnOver] = "driver"

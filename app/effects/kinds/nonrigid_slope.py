@@ -18,6 +18,7 @@ class NonrigidSlope(EffectKind):
 
     kind: ClassVar[str] = "nonrigid-slope"
     text: ClassVar[str] = "a component grows with the position of another axis"
+    lacked_by_maps: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
     of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (

@@ -11,7 +11,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals, constant_sensor_reason
+from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposals, constant_sensor_reason
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.effects.words import components, parameter, verb
@@ -22,6 +22,7 @@ class OtherSensor(EffectKind):
 
     kind: ClassVar[str] = "other-sensor"
     text: ClassVar[str] = "a component follows a sensor other than the assigned one"
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.SAME
     share_of: ClassVar[str] = (
         "of what the tables say that follows the other sensor: 1 for all of it, 0 for none"
     )

@@ -26,6 +26,8 @@ class OutdatedMap(EffectKind):
 
     kind: ClassVar[str] = "outdated-map"
     text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, or a profile"
+    constant: ClassVar[bool] = True
+    measured_along: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "position"
     remedy: ClassVar[str] = (
         "Measure a new map of {components}; until then the correction may be adopted."

@@ -21,7 +21,7 @@ from app.effects.hypothesis import (
     Reported,
     reported_theta,
 )
-from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Proposals
 from app.effects.shape import Wave
 from app.effects.term import Term
 from app.effects.words import parameter, symbol_of
@@ -51,6 +51,7 @@ class Periodic(EffectKind):
     kind: ClassVar[str] = "periodic"
     text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
     alternates: ClassVar[bool] = True
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.NO_RIVAL
     drawn_over: ClassVar[DrawnOver] = "position"
     of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (

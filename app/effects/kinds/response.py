@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.kind import EffectKind, Proposals
+from app.effects.kind import AsOtherSensor, EffectKind, Proposals
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 
@@ -31,6 +31,8 @@ class Response(EffectKind):
     text: ClassVar[str] = (
         "many sensors and states act together with lags, and no single one of them can be named"
     )
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.NO_RIVAL
+    measured_along: ClassVar[bool] = True
     only_once: ClassVar[bool] = True
     of_the_type: ClassVar[bool] = True
     shown_by: ClassVar[str] = (

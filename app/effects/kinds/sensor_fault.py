@@ -82,6 +82,10 @@ class SensorFault(EffectKind):
             f"{components(effect)})"
         )
 
+    def may_be_instruments(self, effect: Effect) -> bool:
+        """Whether it is a bias that one component alone shows, as a step of it would."""
+        return effect.variant == BIAS and len(effect.components) == 1
+
 
 def _of_readings(effect: Effect) -> str:
     """Say what the readings themselves show."""

@@ -12,7 +12,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Difference
 from app.effects.effect import Effect
-from app.effects.kind import EffectKind, Need, NotTested, Proposals, constant_sensors
+from app.effects.kind import AsOtherSensor, EffectKind, Need, NotTested, Proposals, constant_sensors
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
     LATE,
@@ -34,6 +34,8 @@ class SensorGradient(EffectKind):
     text: ClassVar[str] = (
         "bending with the temperature difference between two sensors, at once or late"
     )
+    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
+    zero_in_maps: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     of_the_type: ClassVar[bool] = True

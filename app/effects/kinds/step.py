@@ -17,6 +17,7 @@ from app.effects.kind import (
     DrawnOver,
     EffectKind,
     Need,
+    OverTime,
     Proposals,
     amplitudes_of,
     by_comparable_shapes,
@@ -29,6 +30,7 @@ from app.effects.words import (
     symbol_of,
 )
 from app.geometry.components import COMPONENTS
+from app.thermal.error_map import ErrorMap
 from app.units import date_text
 
 MOST_TIMES: Final = 40
@@ -48,6 +50,8 @@ class Step(EffectKind):
 
     kind: ClassVar[str] = "step"
     text: ClassVar[str] = "a change at one time: collision, re-levelling"
+    over_time: ClassVar[OverTime | None] = OverTime.BEGINS
+    of_time_alone: ClassVar[bool] = True
     drawn_over: ClassVar[DrawnOver] = "time"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     trending: ClassVar[bool] = True
@@ -81,6 +85,15 @@ class Step(EffectKind):
         how = size_along(effect, "step", symbol_of(effect.components[0]))
         when = date_text(effect.parameters["changed_at_unix_s"])
         return f"{components(effect)} changed once, by {how}, at about {when}"
+
+    def is_measured_along(self, new_map: ErrorMap, effect: Effect) -> bool:
+        """Whether the map was measured after it."""
+        return is_after_change(new_map, effect)
+
+
+def is_after_change(error_map: ErrorMap, effect: Effect) -> bool:
+    """Whether a map was measured after an effect that begins at one time began."""
+    return error_map.measured_at.timestamp() >= effect.parameters["changed_at_unix_s"]
 
 
 def change_times(view: CampaignView) -> Nonlinear:

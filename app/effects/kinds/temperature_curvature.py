@@ -22,6 +22,7 @@ class TemperatureCurvature(EffectKind):
 
     kind: ClassVar[str] = "temperature-curvature"
     text: ClassVar[str] = "a component is not linear in temperature between the maps"
+    zero_in_maps: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     only_once: ClassVar[bool] = True
     of_the_type: ClassVar[bool] = True

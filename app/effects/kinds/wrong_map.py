@@ -20,6 +20,7 @@ from app.effects.kind import (
 from app.effects.kinds.outdated_map import Form, forms_of, how_far_off
 from app.effects.shape import Shape
 from app.effects.term import Term
+from app.thermal.error_map import ErrorMap
 
 BEFORE_FORM = ": "
 """Between the map's label and the form in which it is off."""
@@ -34,6 +35,7 @@ class WrongMap(EffectKind):
 
     kind: ClassVar[str] = "wrong-map"
     text: ClassVar[str] = "one map of a component is wrong, the others hold"
+    gone: ClassVar[str] = "its map is gone, or counts as one state with another map"
     needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
     drawn_over: ClassVar[DrawnOver] = "driver"
     shown_by: ClassVar[str] = "measure the map of {component} again"
@@ -81,6 +83,11 @@ class WrongMap(EffectKind):
         """Say which map to measure again."""
         code, label = effect.components[0], self.which_map(effect.variant)
         return f"Measure {code} of map {label!r} again; until then the correction may be adopted."
+
+    def is_measured_along(self, new_map: ErrorMap, effect: Effect) -> bool:
+        """Whether the map is of the temperature of the one that is wrong."""
+        (of_map,) = {t.driver for t in effect.terms if isinstance(t.driver, ShareOfMap)}
+        return new_map.temperatures_c.get(of_map.sensor) == of_map.map_c
 
 
 def _label_and_form(variant: str) -> tuple[str, str]:

@@ -13,15 +13,10 @@ import numpy as np
 from app.arrays import FloatArray, IntArray
 from app.effects.effect import Effect
 from app.effects.flexible import OVER_TIME
-from app.effects.kind import Shakes
-from app.effects.kinds.drift import Drift
-from app.effects.kinds.other_sensor import OtherSensor
-from app.effects.kinds.outdated_map import OutdatedMap
-from app.effects.kinds.sensor_fault import BIAS, SensorFault
-from app.effects.kinds.step import Step
+from app.effects.kind import AsOtherSensor, Shakes
 from app.effects.registry import kind_of
 from app.errors import list_names
-from app.identification.analysis.finished_search import GROWING, FinishedSearch
+from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.held_out_visits import (
     gains_of_visits,
     get_smaller,
@@ -54,12 +49,6 @@ HALF: Final = 0.5
 
 LAST: Final = 0.25
 """Share of the set-ups that are the last ones."""
-
-EITHER: Final = frozenset({*GROWING, Step.kind})
-"""What a machine and an instrument can do alike."""
-
-ONCE: Final = frozenset({Drift.kind, Step.kind})
-"""What comes with time, and not again with temperatures or states."""
 
 ONCE_AS_WELL: Final = (
     "a drift or a step in time explains these observations as well, so nobody knows whether it "
@@ -404,7 +393,7 @@ def _why_not(
         return OF_ONE_HOUR
     if _is_by_the_tables_alone(found, effect, term):
         return BY_THE_TABLES_ALONE
-    if effect.kind == OutdatedMap.kind and any(WALKS in other.doubts for other in others):
+    if kind_of(effect.kind).constant and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
     if OVER_TIME in term.doubts and (not_now := _why_not_any_more(found, effect, term)):
         return not_now
@@ -412,9 +401,10 @@ def _why_not(
     either = (kind_of(family).never_sure for family in sorted(tied))
     if of_either := next(filter(None, either), None):
         return of_either
-    if (effect.sensors or effect.states) and tied & ONCE:
+    is_tied_to_time = any(kind_of(family).of_time_alone for family in tied)
+    if (effect.sensors or effect.states) and is_tied_to_time:
         return ONCE_AS_WELL
-    if effect.kind == OtherSensor.kind and tied and _setups(found, term) < FEWEST_SEEN:
+    if _is_other_sensor(effect) and tied and _setups(found, term) < FEWEST_SEEN:
         return EITHER_SENSOR
     if not np.isfinite(found.findings.adopted[found.use]).any():
         return NOT_HELD_OUT
@@ -457,7 +447,7 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     """Say why nobody knows of what grows or begins with time, or is very late, that it lasts."""
     # What only differs in shape from what was found, is of the same cause as it.
     is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
-    if effect.kind not in EITHER and not _is_bias_of_one(effect):
+    if not kind_of(effect.kind).may_be_instruments(effect):
         return AS_SLOW_AS_CAN_BE if is_open and found.is_slowest(term) else None
     if is_of_one_setup(found, effect):
         return OF_EITHER
@@ -468,7 +458,7 @@ def _why_not_lasting(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
 
 def _is_of_one_hour(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
     """Whether the hour of the day may be all that a map is said to be off by."""
-    return effect.kind == OutdatedMap.kind and is_of_one_hour(found, effect, term)
+    return kind_of(effect.kind).constant and is_of_one_hour(found, effect, term)
 
 
 def _is_by_the_tables_alone(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
@@ -477,16 +467,16 @@ def _is_by_the_tables_alone(found: FinishedSearch, effect: Effect, term: FoundTe
     That all of it does, would be a strange chance were it not so. Several components have tables
     that differ, and one share of them all is no chance either.
     """
-    if effect.kind != OtherSensor.kind or len(effect.components) > 1:
+    if not _is_other_sensor(effect) or len(effect.components) > 1:
         return False
     share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
     is_part = abs(share - 1.0) > ITSELF * error
     return is_part and found.expected_of(term).is_mostly_hidden
 
 
-def _is_bias_of_one(effect: Effect) -> bool:
-    """Whether it is a sensor's bias that one component alone shows, as a step of it would."""
-    return (effect.kind, effect.variant, len(effect.components)) == (SensorFault.kind, BIAS, 1)
+def _is_other_sensor(effect: Effect) -> bool:
+    """Whether it claims that its components follow another sensor than their own."""
+    return kind_of(effect.kind).as_other_sensor is AsOtherSensor.SAME
 
 
 def _setups(found: FinishedSearch, term: FoundTerm) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import Final
 
 from app.arrays import FloatArray
-from app.effects.kind import Named, NotTested
+from app.effects.kind import Named
 from app.effects.registry import do_the_same, kind_of
 from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import UnexplainedPart
@@ -141,11 +141,11 @@ def _of_kinds(kinds: Collection[str] | None) -> str:
 def what_next(
     effects: Sequence[FoundEffect],
     unexplained: Sequence[UnexplainedPart],
-    not_testable: Sequence[NotTested],
     visits: int,
     far: Sequence[FarValue] = (),
     to_state: Sequence[str] = (),
     *,
+    is_short_of_visits: bool = False,
     is_cut: bool = False,
     times_s: FloatArray | None = None,
 ) -> tuple[str, ...]:
@@ -153,12 +153,14 @@ def what_next(
 
     Parameters
     ----------
-    effects, unexplained, not_testable
-        What was found, what was left, and what could not be looked for.
+    effects, unexplained
+        What was found, and what was left.
     far
         Values that were left out because they are far from the others.
     to_state
         What verifications should state instead.
+    is_short_of_visits
+        Whether something could not be looked for because of too few visits.
     is_cut
         Whether the search ended at as many effects as one analysis names.
     times_s : ndarray, shape (n,), or None
@@ -169,8 +171,7 @@ def what_next(
     for effect in effects:
         found += _of_effect(effect)
     found += _look_at(unexplained)
-    asked = any("visits" in one.reason for one in not_testable)
-    if visits < (ENOUGH_VISITS if asked else FEWEST_BLOCKS):
+    if visits < (ENOUGH_VISITS if is_short_of_visits else FEWEST_BLOCKS):
         found.append(
             f"Add visits at other temperatures: {visits} took part, and effects that change from "
             f"visit to visit need at least {FEWEST_BLOCKS}, preferably {ENOUGH_VISITS}."

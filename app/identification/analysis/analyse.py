@@ -82,7 +82,7 @@ from app.identification.residuals.map_uncertainty import between_positions, map_
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.zeroed import to_state, zeroed
 from app.search.candidate import Candidate, Known
-from app.search.findings import Findings, Untested, Verdict
+from app.search.findings import FEW_VISITS, Findings, Untested, Verdict
 from app.search.search import Progress, search
 from app.units import Unit
 
@@ -326,8 +326,9 @@ def _answer(
         not_testable=not_testable,
         detectable=tuple(_detectable(found)),
         what_next=what_next(
-            *(described, unexplained, not_testable, found.residuals.rows.visits, far),
+            *(described, unexplained, found.residuals.rows.visits, far),
             [to_state] if to_state else [],
+            is_short_of_visits=any(one.reason == FEW_VISITS for one in findings.untested),
             is_cut=findings.is_cut,
             times_s=found.residuals.rows.times_s[found.use],
         ),
@@ -460,7 +461,7 @@ def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, .
 
 
 def _why(untested: Untested) -> str:
-    if untested.reason == "few-visits":
+    if untested.reason == FEW_VISITS:
         return f"needs {untested.needed} visits or moments of long ones, got {untested.got}"
     return "these observations do not show it: what drives it never changed where it would act"
 

@@ -17,29 +17,16 @@ import numpy as np
 from app.arrays import FloatArray, IntArray
 from app.effects.campaign_view import CampaignView
 from app.effects.hypothesis import Hypothesis
-from app.effects.kinds.additional_sensor import AdditionalSensor
-from app.effects.kinds.detached_sensor import DetachedSensor
-from app.effects.kinds.exchanged_sensors import ExchangedSensors
-from app.effects.kinds.other_sensor import OtherSensor
-from app.effects.kinds.periodic import Periodic
-from app.effects.kinds.response import Response
-from app.effects.kinds.sensor_gradient import SensorGradient
+from app.effects.kind import AsOtherSensor
 from app.effects.registry import KINDS, kind_of
 from app.errors import list_names
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals
 
-LIKE_ANOTHER_SENSOR: Final = frozenset(
-    {AdditionalSensor.kind, SensorGradient.kind, ExchangedSensors.kind, DetachedSensor.kind}
-)
-"""With fitted amplitudes these do on one component what another sensor does without any."""
-
-ENOUGH: Final = 0.95
-"""Where another sensor is true it explains so much of what these explain: they fit chance too."""
-
-NO_RIVALS: Final = frozenset({OtherSensor.kind, Response.kind, Periodic.kind})
-"""The same under another name; many causes together; and what no temperature moves."""
+AS_MUCH: Final = {AsOtherSensor.RIVAL: 1.0, AsOtherSensor.IMITATION: 0.95}
+"""Share of what an effect explains from which another sensor explains more: where it is true it
+explains so much of what imitations do, which fit chance too."""
 
 RIDGE: Final = 1e-9
 """Share of a column's squares that keeps equal columns apart."""
@@ -84,9 +71,9 @@ class Rivals:
         view = CampaignView(campaign.model, campaign.maps, residuals.rows, conditions)
         return [
             hypothesis
-            for name in KINDS
-            if name not in NO_RIVALS
-            for hypothesis in kind_of(name).candidates(view).hypotheses
+            for kind in KINDS.values()
+            if kind.as_other_sensor in AS_MUCH
+            for hypothesis in kind.candidates(view).hypotheses
         ]
 
     def explaining_as_much(
@@ -114,11 +101,11 @@ class Rivals:
         """
         scales = set_ups.sizes
         scales[shows] = scale
-        for is_like, share in ((False, 1.0), (True, ENOUGH)):
+        for role, share in AS_MUCH.items():
             asked = [
                 one
                 for one in self._hypotheses
-                if code in one.components and (one.kind in LIKE_ANOTHER_SENSOR) is is_like
+                if code in one.components and kind_of(one.kind).as_other_sensor is role
             ]
             fitted = list(self._fitted(set_ups, asked, scales))
             if fitted and gain <= share * _explained(fitted):

@@ -25,7 +25,8 @@ from dataclasses import replace
 import numpy as np
 
 from app.arrays import rms
-from app.effects.kinds.other_sensor import OtherSensor
+from app.effects.kind import AsOtherSensor
+from app.effects.registry import kind_of
 from app.errors import list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis, TriedAssignment
@@ -143,7 +144,7 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
 
 def _does_the_same(effect: FoundEffect, proposed: Mapping[str, Sequence[str | None]]) -> bool:
     """Whether an effect reads the maps by the sensors that are proposed, and does nothing else."""
-    return effect.kind == OtherSensor.kind and all(
+    return kind_of(effect.kind).as_other_sensor is AsOtherSensor.SAME and all(
         effect.sensors[-1] in proposed.get(code, ()) for code in effect.components
     )
 

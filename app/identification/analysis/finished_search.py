@@ -14,9 +14,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, key_of
-from app.effects.kinds.ageing_sensor import AgeingSensor
-from app.effects.kinds.drift import Drift
-from app.effects.kinds.step import Step
+from app.effects.kind import OverTime
 from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
@@ -28,9 +26,6 @@ from app.search.rows import Datum, Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.validation import holds
 from app.thermal.error_map import ErrorMap
-
-GROWING: Final = frozenset({Drift.kind, AgeingSensor.kind})
-"""What grows with time."""
 
 SLOWEST: Final = 0.99
 """Share of the longest time constant from which it counts as that."""
@@ -228,7 +223,7 @@ class FinishedSearch:
             and term.status is Status.CONFIRMED
             and term.forward_slope is not None
             and holds(term.forward_slope, term.likelihood_ratio)
-            and Step.kind not in {*tied, *others}
+            and all(kind_of(family).over_time is not OverTime.BEGINS for family in {*tied, *others})
         )
 
     def explained(self, effect: Effect) -> FloatArray:

@@ -10,9 +10,11 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.driver import Always, SinceReference, StepAfter
 from app.effects.effect import Effect
+from app.effects.kind import OverTime
 from app.effects.observations import POINT_CHANNELS
+from app.effects.registry import kind_of
 from app.geometry.components import COMPONENTS
-from app.identification.analysis.finished_search import GROWING, FinishedSearch
+from app.identification.analysis.finished_search import FinishedSearch
 from app.search.findings import FoundTerm
 from app.search.rows import Datum
 from app.search.scatter import FEWEST_SETUPS
@@ -133,7 +135,8 @@ def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bo
     """
     size = np.abs(found.explained(effect))
     after = acts & (size > SHOWN * size[acts].max(initial=0.0))
-    sides = [acts] if effect.kind in GROWING else [after, acts & ~after]
+    grows = kind_of(effect.kind).over_time is OverTime.GROWS
+    sides = [acts] if grows else [after, acts & ~after]
     return all(len(np.unique(found.rows.visit[side])) > 1 for side in sides)
 
 
