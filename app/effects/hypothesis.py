@@ -10,6 +10,7 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from app.arrays import FloatArray
+from app.effects.claim import claim_of
 from app.effects.effect import Effect
 from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
@@ -142,7 +143,7 @@ class Hypothesis:
     @property
     def key(self) -> str:
         """Name it among all hypotheses."""
-        return key_of(self)
+        return claim_of(self).key
 
     def parts(self, projection: Projection, theta: float | None) -> list[Part]:
         """Lay out what it does to the rows, for each unit of its amplitudes."""
@@ -283,12 +284,6 @@ def _in_series(unit_terms: Callable[[float | None], Amplitudes], theta: float | 
         ]
         for one, other in zip(first, second, strict=True)
     ]
-
-
-def key_of(one: Hypothesis | Effect) -> str:
-    """Name a hypothesis among all, or the one that an effect was found by."""
-    parts = (one.variant, *one.components, *one.sensors, *one.states)
-    return " ".join([one.kind, *filter(None, parts)])
 
 
 def no_terms(of: object) -> tuple[()]:

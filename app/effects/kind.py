@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import ClassVar, Literal, Protocol, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 from app.answer import Answer
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
+from app.effects.claim import Named
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.shape import Rising, Shape
@@ -52,30 +53,6 @@ class AsOtherSensor(StrEnum):
     IMITATION = "with sizes that are fitted it does there what the other sensor does without any"
     SAME = "it is the same under another name"
     NO_RIVAL = "no single temperature moves it"
-
-
-class Named(Protocol):
-    """What names an effect or a hypothesis."""
-
-    @property
-    def kind(self) -> str:
-        """The kind."""
-
-    @property
-    def variant(self) -> str:
-        """Which form of the kind."""
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """What it acts on."""
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Which sensors drive it."""
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Which states drive it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from app.effects.campaign_view import CampaignView
+from app.effects.claim import Claim, Named, claim_of
 from app.effects.effect import Effect
 from app.effects.hypothesis import IN_SERIES, Hypothesis
-from app.effects.kind import EffectKind, Named, NotTested
+from app.effects.kind import EffectKind, NotTested
 from app.effects.kinds.additional_sensor import AdditionalSensor
 from app.effects.kinds.ageing_sensor import AgeingSensor
 from app.effects.kinds.angular import Angular
@@ -135,14 +136,13 @@ def kind_of(name: str) -> EffectKind:
 def do_the_same(one: Named, other: Named) -> bool:
     """Whether two are the same kind with the same drivers: forms of one thing, such as late or not.
 
-    What they do here is then the same.
+    What they do here is then the same. Of two maps it is not.
     """
+    return _whatever_the_form(one) == _whatever_the_form(other)
 
-    def what(named: Named) -> tuple[object, ...]:
-        of_map = kind_of(named.kind).which_map(named.variant)
-        return named.kind, of_map, named.components, named.sensors, named.states
 
-    return what(one) == what(other)
+def _whatever_the_form(named: Named) -> Claim:
+    return claim_of(named)._replace(variant=kind_of(named.kind).which_map(named.variant))
 
 
 def explain(effect: Effect) -> str:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from app.answer import Answer, Codes, Sensors, UnitSymbol
+from app.effects.claim import claim_of
 from app.effects.registry import explain, kind_of
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis, Verdict
 from app.identification.analysis.found_effect import FoundEffect, Parameters
-from app.identification.analysis.tried_effect import TriedEffect, claim_of
+from app.identification.analysis.tried_effect import TriedEffect
 
 Likeness: TypeAlias = tuple[str, tuple[tuple[str, float, float], ...], tuple[str, ...]]
 """Configuration, travels [mm] and sensors."""

@@ -10,7 +10,7 @@ from app.effects.adopted.carry_over import without_replaced
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.effect import Effect, Provenance, effect_from_json
 from app.effects.past import sensors_of
-from app.effects.registry import explain, kind_of
+from app.effects.registry import do_the_same, explain, kind_of
 from app.errors import Conflict, InvalidContent, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.found_effect import RefittedEffect
@@ -305,15 +305,11 @@ def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Eff
     since = [one for one in adopted_effects(active) if one not in analysed]
     for effect in effects:
         for one in since:
-            if _identity(one) == _identity(effect) and one != effect:
+            if do_the_same(one, effect) and one != effect:
                 raise Conflict(
                     f"model version {active.version} has been given a similar effect since: "
                     f"{explain(one)}; adding this one would count it twice: {explain(effect)}"
                 )
-
-
-def _identity(effect: Effect) -> tuple[object, ...]:
-    return effect.kind, effect.components, effect.sensors, effect.states
 
 
 def _check_active(change: MachineChange, row: AnalysisRow) -> None:

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from app.effects.campaign_view import CampaignView
+from app.effects.claim import claim_of
 from app.effects.conditions import Conditions, NoHistory, Signal
+from app.effects.effect import Effect
 from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
 from app.effects.kinds.state_variable import StateVariable
 from app.effects.observations import Observation, Verification
-from app.effects.registry import KINDS, kind_of, repertoire
+from app.effects.registry import KINDS, do_the_same, kind_of, repertoire
 from app.effects.term import term_from_json
 from app.errors import InvalidContent
 from app.search.rows import Datum
@@ -384,3 +386,21 @@ def test_a_fault_shows_in_the_slopes_of_lines_with_free_zeros():
     lines = with_datum(Datum.FREE, observations(with_points=False))
     found = KINDS["sensor-fault"].candidates(example_view(verifications=lines)).hypotheses
     assert "x-middle" in [h.sensors[0] for h in found]
+
+
+@pytest.mark.parametrize(
+    ("kind", "one", "other", "same"),
+    [
+        ("additional-sensor", "at once", "late", True),
+        ("outdated-map", "shift", "slope", True),
+        ("wrong-map", "cold: shift", "cold: slope", True),
+        ("wrong-map", "cold: shift", "warm: shift", False),
+        ("map-temperature", "cold", "warm", False),
+    ],
+)
+def test_forms_of_one_thing_do_the_same_but_not_in_two_maps(kind, one, other, same):
+    effects = [Effect(kind, ("EXX",), ("bed",), (), variant) for variant in (one, other)]
+    assert do_the_same(*effects) is same
+    assert not do_the_same(effects[0], replace(effects[0], sensors=("spindle",)))
+    assert claim_of(effects[0]) != claim_of(effects[1])
+    assert claim_of(effects[0]) == claim_of(replace(effects[0], parameters={"slope": 2.0}))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from app.effects.campaign_view import CampaignView
-from app.effects.hypothesis import Estimate, key_of
+from app.effects.claim import claim_of
+from app.effects.hypothesis import Estimate
 from app.effects.kinds.map_factor import MapFactor
 from app.effects.kinds.map_temperature import MapTemperature
 from app.effects.kinds.wrong_map import WrongMap
@@ -373,7 +374,7 @@ def test_what_is_put_right_where_it_was_made_adds_nothing_to_the_model(kind):
         effect = hypothesis.fitted(Estimate(theta, None, np.array([1.0]), np.eye(1)))
         assert effect.terms == ()
         assert kind_of(kind).what_to_do(effect).endswith(".")
-        assert key_of(effect) == hypothesis.key
+        assert claim_of(effect).key == hypothesis.key
 
 
 def test_keys_of_all_mistakes_are_unique(view):

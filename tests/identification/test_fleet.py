@@ -2,12 +2,21 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from app.effects.effect import Effect
 from app.effects.registry import KINDS
-from app.identification.analysis.tried_effect import CHANCE, HALF, TriedEffect, _judged, _Shown
+from app.identification.analysis.tried_effect import (
+    CHANCE,
+    HALF,
+    TriedEffect,
+    _judged,
+    _Shown,
+    try_effect,
+)
 from app.identification.fleet import Member, Trial, judge_fleet, trials
 from app.pages.fleet_report import fleet_report
 from app.storage.analysis_results import RESULTS
@@ -123,6 +132,14 @@ def judged(residuals, predicted, visit, tried_together=1):
     units = np.full(visit.size, "µm")
     shown = _Shown(residuals, predicted, visit, units)
     return _judged(shown, np.zeros(visit.size, dtype=int), tried_together)
+
+
+@pytest.mark.parametrize("variant", ["at once", "late"])
+def test_what_a_model_has_in_another_form_is_not_tried_on_it(variant):
+    """The residuals are what it leaves: they would seem to speak against the effect."""
+    given = Effect("additional-sensor", ("EXX",), ("bed",), variant="late")
+    campaign = SimpleNamespace(effects=(replace(given, variant=variant),))
+    assert try_effect(campaign, given).verdict == "adopted"
 
 
 def test_shares_of_a_given_effect_are_told_apart():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
+from app.effects.claim import claim_of
 from app.effects.effect import Provenance, effect_from_json
-from app.effects.hypothesis import key_of
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.found_effect import RefittedEffect
 from app.identification.analysis.refits import adopted_before, effects_after
@@ -80,7 +80,7 @@ def test_what_cannot_be_weighed_stays_as_it_is(provenance, tested, words):
     before = adopted_before(
         replace(campaign, effects=[effect], verification_ids=EVERY),
         residuals.projection,
-        {key_of(effect): hypothesis.it} if tested else {},
+        {claim_of(effect).key: hypothesis.it} if tested else {},
     )
     if words is None:
         assert not before.left

@@ -3,8 +3,10 @@
 import math
 import random
 import threading
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import datetime, timedelta
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from app.effects.shape import Everywhere
 from app.effects.term import Term
 from app.errors import Conflict, InvalidContent, StorageUnavailable, UnknownThing
 from app.identification.analysis.found_effect import RefittedEffect
+from app.services import adopt_analysis
 from app.services.adopt_analysis import version_with_effects
 from app.services.change_model import changing_machine
 from app.services.follow_database import DatabaseFollower
@@ -48,6 +51,25 @@ from tests.service_examples import (
 )
 
 pytestmark = pytest.mark.anyio
+
+
+@pytest.mark.parametrize(("variant", "is_refused"), [("cold: slope", True), ("warm: shift", False)])
+def test_one_map_that_is_wrong_is_not_another_one_in_other_figures(
+    monkeypatch, variant, is_refused
+):
+    """It was refused as similar, whatever map the active version had learnt of since."""
+    cold = Effect("wrong-map", ("EXX",), ("bed",), (), "cold: shift")
+    change = SimpleNamespace(
+        version=SimpleNamespace(version=4), session=None, row=SimpleNamespace(id="m")
+    )
+    monkeypatch.setattr(adopt_analysis, "find_version", lambda *_: None)
+    monkeypatch.setattr(
+        adopt_analysis, "adopted_effects", lambda version: [cold] if version else []
+    )
+    monkeypatch.setattr(adopt_analysis, "explain", lambda effect: effect.variant)
+    analysed = SimpleNamespace(model_version=3)
+    with pytest.raises(Conflict, match="twice: cold") if is_refused else nullcontext():
+        adopt_analysis._check_unlike(change, analysed, [replace(cold, variant=variant)])
 
 
 @pytest.mark.slow

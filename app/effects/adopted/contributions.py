@@ -25,13 +25,13 @@ from app.effects.adopted.held import (
     conditions_beyond,
     held_sentence,
     positions_beyond,
+    read_beyond_maps,
     unknown_range,
 )
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.map_tables import MapReading
 from app.effects.projection import Projection, View
-from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.thermal.bracket import Status, StatusArray
 from app.thermal.compiled_model import CompiledModel
@@ -267,25 +267,7 @@ def _statuses(
             own = rows[use & (reading.status == said)]
             graver = [GRAVITY.index(s) < GRAVITY.index(said) for s in status[own]]
             status[own[np.array(graver, dtype=np.bool_)]] = said
-            outside = said in (Status.CLAMPED, Status.EXTRAPOLATED)
-            if own.size and outside and not isinstance(part.term.shape, Exchange):
-                there = np.flatnonzero(use & (reading.status == said))
-                scale = _found(model, part.term.component)[0].scales[0]
-                ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
-                beyond_c = np.abs(reading.temperatures_c[there] - np.mean(ends_c))
-                farthest = there[int(np.argmax(beyond_c))]
-                moved.append(
-                    ReadBeyondMaps(
-                        part.number,
-                        part.term.component,
-                        reading.sensor,
-                        float(reading.temperatures_c[farthest]),
-                        ends_c,
-                        said,
-                        bool(reading.is_refused[there].any()),
-                        own.size,
-                    )
-                )
+        moved += read_beyond_maps(model, part.number, part.term, reading, use)
     return status, moved
 
 

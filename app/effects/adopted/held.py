@@ -11,12 +11,15 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, Signal
 from app.effects.effect import Effect, by_driver
+from app.effects.map_tables import MapReading
 from app.effects.response_driver import Responding
-from app.effects.shape import Places
+from app.effects.shape import Exchange, Places
+from app.effects.term import Term
 from app.effects.valid import DRIVER_MARGIN, Range, widened
 from app.errors import list_names
 from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel
+from app.thermal.prediction import GRAVITY
 from app.units import date_text, unit_of_field
 
 HELD: Final = "held"
@@ -30,6 +33,9 @@ _LESS_GRAVE: Final = frozenset(
 )
 """What `held` takes precedence over; what says that the maps themselves are left, or that nothing
 is known, comes first."""
+
+_OUTSIDE: Final = tuple(s for s in GRAVITY if s in (Status.CLAMPED, Status.EXTRAPOLATED))
+"""Where a temperature lies outside the maps, the less grave first."""
 
 NO_NUMBER: Final = "what drives it has no usable value here"
 NOT_COMMON: Final = "the maps that it reads here share no range of positions"
@@ -86,6 +92,44 @@ class ReadBeyondMaps(NamedTuple):
     status: str
     is_refused: bool
     values: int = 0
+
+
+def read_beyond_maps(
+    model: CompiledModel, effect: int, term: Term, reading: MapReading, use: BoolArray
+) -> Iterator[ReadBeyondMaps]:
+    """List where a term reads the maps outside of them, by the assigned sensor's temperature.
+
+    Parameters
+    ----------
+    effect
+        Its number.
+    use : ndarray, shape (n,)
+        At which of the reading's moments it takes part.
+
+    Yields
+    ------
+    ReadBeyondMaps
+        The farthest temperature of each status.
+    """
+    found = model.find(term.component)
+    if found is None or isinstance(term.shape, Exchange):
+        return
+    scale = found[0].scales[0]
+    ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
+    for status in _OUTSIDE:
+        there = np.flatnonzero(use & reading.is_read & (reading.status == status))
+        if there.size:
+            beyond_c = np.abs(reading.temperatures_c[there] - np.mean(ends_c))
+            yield ReadBeyondMaps(
+                effect,
+                term.component,
+                reading.sensor,
+                float(reading.temperatures_c[there[int(np.argmax(beyond_c))]]),
+                ends_c,
+                status,
+                bool(reading.is_refused[there].any()),
+                there.size,
+            )
 
 
 def beyond_maps_sentences(

@@ -26,18 +26,18 @@ from app.effects.adopted.held import (
     conditions_beyond,
     held_sentence,
     positions_beyond,
+    read_beyond_maps,
     unknown_range,
 )
 from app.effects.campaign_view import travel_of
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.map_tables import MapReading
-from app.effects.shape import Exchange, Places
+from app.effects.shape import Places
 from app.effects.term import Term
 from app.effects.valid import Valid
 from app.geometry.axis_table import CLOSEST_MM
 from app.geometry.components import COMPONENTS, ORDER, Component
-from app.thermal.bracket import Status
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group, MapsInUse, Member
 from app.thermal.group_state import GroupState
@@ -269,7 +269,12 @@ def _row(
         maps,
         status=_gravest(reading for _, _, reading in read),
     )
-    return _Row(table, lost, list(_moved(code, found, read)))
+    moved = [
+        one._replace(values=0)
+        for number, term, reading in read
+        for one in read_beyond_maps(model, number, term, reading, np.ones(1, dtype=np.bool_))
+    ]
+    return _Row(table, lost, moved)
 
 
 def _maps_that_enter(
@@ -310,23 +315,6 @@ def _gravest(readings: Iterable[MapReading]) -> str | None:
     """Choose the gravest status of those temperatures at which maps are really read."""
     said = [reading.status[0] for reading in readings if reading.is_read[0]]
     return max(said, key=GRAVITY.index) if said else None
-
-
-def _moved(
-    code: str,
-    found: tuple[Group, Member] | None,
-    read: Iterable[tuple[int, Term, MapReading]],
-) -> Iterable[ReadBeyondMaps]:
-    """List where the assigned sensor's moved temperature lies outside the maps."""
-    for number, term, reading in read:
-        if isinstance(term.shape, Exchange) or not reading.is_read[0] or found is None:
-            continue
-        status, t_c = reading.status[0], float(reading.temperatures_c[0])
-        if status in (Status.CLAMPED, Status.EXTRAPOLATED):
-            scale = found[0].scales[0]
-            ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
-            refused = bool(reading.is_refused[0])
-            yield ReadBeyondMaps(number, code, reading.sensor, t_c, ends_c, status, refused)
 
 
 def _travel(model: CompiledModel, component: Component, own_mm: FloatArray) -> tuple[float, float]:

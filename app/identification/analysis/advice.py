@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import Final
 
 from app.arrays import FloatArray
-from app.effects.kind import Named
+from app.effects.claim import Named
 from app.effects.registry import do_the_same, kind_of
 from app.errors import capitalised, list_names
 from app.identification.analysis.analysis import UnexplainedPart

@@ -12,8 +12,9 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
+from app.effects.claim import claim_of
 from app.effects.effect import Effect
-from app.effects.hypothesis import Estimate, Hypothesis, key_of
+from app.effects.hypothesis import Estimate, Hypothesis
 from app.effects.kind import OverTime
 from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
@@ -231,7 +232,7 @@ class FinishedSearch:
 
         A mistake in the data adds nothing to the model: what is said is what it left in the rows.
         """
-        hypothesis = self.hypotheses.get(key_of(effect))
+        hypothesis = self.hypotheses.get(claim_of(effect).key)
         if hypothesis is not None and hypothesis.supposed is not None:
             return self._left_by(hypothesis)
         own = sum_of_terms(self.residuals.projection, effect.terms)

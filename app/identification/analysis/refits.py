@@ -15,8 +15,9 @@ from scipy.stats import chi2
 
 from app.arrays import FloatArray
 from app.effects.adopted.contributions import contributions
+from app.effects.claim import claim_of
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis, key_of
+from app.effects.hypothesis import Hypothesis
 from app.effects.kinds.response import Response
 from app.effects.projection import Projection
 from app.effects.registry import explain
@@ -101,7 +102,7 @@ def adopted_before(
     for number, effect in enumerate(campaign.effects):
         if effect.kind == Response.kind or effect.adds_nothing:
             continue
-        hypothesis = hypotheses.get(key_of(effect))
+        hypothesis = hypotheses.get(claim_of(effect).key)
         why = _why_left(campaign, effect, hypothesis)
         theta = None if why or hypothesis is None else hypothesis.theta_of(effect)
         if not why and hypothesis is not None:

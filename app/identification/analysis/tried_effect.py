@@ -19,6 +19,7 @@ from scipy import stats
 from app.answer import Answer, Range, UnitSymbol
 from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
+from app.effects.registry import do_the_same
 from app.errors import InvalidContent, list_names
 from app.identification.analysis.before_after import unknown_zeros, without_zeros
 from app.identification.campaign import Campaign, residuals_of
@@ -89,7 +90,7 @@ def try_effect(campaign: Campaign, effect: Effect, tried_together: int = 1) -> T
     tried_together
         On how many machines effects are tried in all, for the threshold.
     """
-    if any(is_alike(effect, own) for own in campaign.effects):
+    if any(do_the_same(effect, own) for own in campaign.effects):
         return _untold(
             "adopted", "its model already has an effect of this kind on the same components"
         )
@@ -121,16 +122,6 @@ def try_effect(campaign: Campaign, effect: Effect, tried_together: int = 1) -> T
         rows.channel[use],
         tried_together,
     )
-
-
-def is_alike(one: Effect, other: Effect) -> bool:
-    """Whether two effects claim the same, whatever their parameters."""
-    return claim_of(one) == claim_of(other)
-
-
-def claim_of(effect: Effect) -> tuple[object, ...]:
-    """Give what an effect claims: its kind and form, on what, and by what it is driven."""
-    return effect.kind, effect.variant, effect.components, effect.sensors, effect.states
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from app.effects.kind import Named, NotTested
+from app.effects.claim import Named
+from app.effects.kind import NotTested
 from app.effects.registry import kind_of
 from app.effects.valid import LearntIn
 from app.errors import list_names
