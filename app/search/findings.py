@@ -93,7 +93,8 @@ class FoundTerm:
     evidence
         2 ln B against its absence.
     global_p
-        Probability that noise alone gives as strong a candidate anywhere in the library.
+        Probability that noise alone gives as strong a candidate, by its likelihood ratio,
+        anywhere in the library.
     rivals
         The best of every other family, and members of its own that come close.
     slope

@@ -495,7 +495,9 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
     judged = status_of(slope, checked.forward[number], inclusion, ratio, share)
     amplitudes, covariance = _sizes(term, sized, part)
     covariance = covariance + _by_nonlinear(selector, term, others)
-    place = sum(t.origin is None for t in main.terms[:number])
+    own = np.flatnonzero(selector.groups == selector.library.candidates.index(term.candidate))
+    # Beside itself, as a term that the model has is at first, a candidate tells nothing.
+    rank = int(main.stages[0].rank[own].max()) or term.size
     return FoundTerm(
         key=term.candidate.key,
         family=term.candidate.family,
@@ -507,7 +509,7 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
         likelihood_ratio=ratio,
         degrees_of_freedom=term.size + term.candidate.nonlinear,
         evidence=ratio - selector.cost(term, fit, start),
-        global_p=main.stages[min(place, len(main.stages) - 1)].global_p,
+        global_p=main.stages[0].limit.global_p_of(int(own[0]), ratio, rank),
         rivals=tuple(r for r, _ in rivals[number]),
         slope=slope,
         forward_slope=checked.forward[number],

@@ -114,7 +114,26 @@ class Threshold:
         """Give the probability that noise alone surprises as much in any family."""
         if not self.families:
             return 1.0  # Nothing could be tested: nothing surprises.
-        rarest = np.max(self.noise.reduced(found), initial=-np.inf)
+        return self._chance(float(np.max(self.noise.reduced(found), initial=-np.inf)))
+
+    def global_p_of(self, entry: int, ratio: float, rank: int) -> float:
+        """Give the probability that noise alone surprises as much in any family as one term does.
+
+        Parameters
+        ----------
+        entry
+            Any entry of the term's candidate: these are distributed alike.
+        ratio, rank
+            Of the term: twice its log likelihood ratio, and how many amplitudes the rows tell.
+        """
+        if not self.families:
+            return 1.0
+        parts = (self.noise.location, self.noise.scale, self.noise.bartlett)
+        own = Population(*(part[[entry]] for part in parts))
+        found = Scan(np.array([ratio]), np.zeros((1, 0)), np.array([rank]))
+        return self._chance(float(own.reduced(found)[0]))
+
+    def _chance(self, rarest: float) -> float:
         return float(-np.expm1(-self.families * np.exp(-rarest)))
 
 

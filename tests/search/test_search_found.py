@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
+from app.search.candidate import Known, KnownTerm
 from app.search.findings import Status, Verdict
 from app.search.rows import Datum
 from app.search.search import search
@@ -160,6 +161,26 @@ def test_rivals_of_every_family_come_with_evidence():
     }  # fmt: skip
     assert all(r.behind > 50 for r in term.rivals)
     assert term.global_p < 1e-6
+
+
+def test_how_likely_noise_gives_a_term_goes_by_the_term_itself():
+    """It used to be what the search was left with when so many terms had been chosen."""
+    campaign = make_campaign(27, visits=16)
+    candidates = [
+        single(campaign, f"reversal-{n}", "backlash", n, lambda _: campaign.direction)
+        for n in (0, 1)
+    ]
+    large, small = (
+        scaled(campaign.direction, campaign, n, size) for n, size in ((0, 2.0), (1, 0.6))
+    )
+    of_both = found_in(campaign.plus(large + small), candidates)
+    assert [term.key for term in of_both.terms] == ["reversal-0", "reversal-1"]
+    (alone,) = found_in(campaign.plus(small), candidates).terms
+    assert of_both.terms[1].global_p == pytest.approx(alone.global_p, rel=1e-3)
+    known = Known([KnownTerm(candidates[0], None)], np.zeros(len(large)))
+    beside = found_in(campaign.plus(large + small), candidates, known=known)
+    assert [term.key for term in beside.refitted] == ["reversal-0"]
+    assert beside.refitted[0].global_p < 1e-6
 
 
 @pytest.mark.slow
