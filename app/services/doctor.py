@@ -23,6 +23,7 @@ from app.errors import (
     counted,
 )
 from app.services.access_keys import show_keys
+from app.services.carry_analyses import PATIENCE_S
 from app.services.context import CLOCKS_DIFFER, FUTURE_TOLERANCE, Context, utc_now
 from app.services.status import show_status
 from app.storage.backup import SEAL, SEAL_BYTES, check_backup
@@ -49,7 +50,11 @@ LONG_WAIT: Final = timedelta(hours=1)
 """An analysis takes minutes: one that waits longer waits for something else."""
 
 BEAT_S: Final = 3.0
-"""How long running analyses are watched: three of their beats [s]."""
+"""How often running analyses are looked at: after three of their beats [s]."""
+
+GONE_S: Final = PATIENCE_S + 3.0 * BEAT_S
+"""Within this a service that runs has taken up again what a process left that is gone, even one
+that has only just started [s]."""
 
 
 class Grade(StrEnum):
@@ -263,30 +268,49 @@ def _keys(database: Database) -> Finding:
 
 
 def _analyses(database: Database) -> Iterator[Finding]:
+    """Look at the queue: for `GONE_S` where something in it may have been left by everybody.
+
+    After a restart a service leaves what its predecessor ran alone for a while, as it may be
+    another's; so nothing is said of it before a service would have taken it up again.
+    """
     with database.reading() as session:
-        before = queue(session)
-    if before.beats:
+        found = queue(session)
+    stuck, watched_s = dict(found.running), 0.0
+    while stuck and watched_s < GONE_S:
         sleep(BEAT_S)
+        watched_s += BEAT_S
         with database.reading() as session:
-            after = queue(session)
-        stuck = sorted(n for n, beats in before.beats.items() if after.beats.get(n) == beats)
-        if stuck:
-            yield trouble(
-                "analyses",
-                f"{_named(stuck)} running, but nobody works on it: a service that runs ends it.",
-            )
-            return
-    yield _waiting(before)
+            found = queue(session)
+        stuck = {n: beats for n, beats in stuck.items() if found.running.get(n) == beats}
+    if stuck:
+        them = "them" if len(stuck) > 1 else "it"
+        yield trouble(
+            "analyses",
+            f"{_named(sorted(stuck))} running, but nobody works on {them}: in {GONE_S:.0f} s there "
+            f"was no sign of life, and no service took {them} up again; one that starts does.",
+        )
+        return
+    if _waits_long(found) and not found.running:
+        sleep(BEAT_S)  # what is taken up again was asked for long ago, and waits for a moment
+        with database.reading() as session:
+            found = queue(session)
+    yield _waiting(found)
 
 
 def _waiting(found: Queue) -> Finding:
     words = f"{counted(found.waiting, 'analysis', 'analyses')} waiting"
-    if found.oldest_at is not None and utc_now() - found.oldest_at > LONG_WAIT:
-        return warning(
-            "analyses",
-            f"{words}, the oldest for {_span(utc_now() - found.oldest_at)}: does a service run?",
-        )
-    return ok("analyses", f"{counted(len(found.beats), 'analysis', 'analyses')} running, {words}.")
+    if found.running or not _waits_long(found):
+        words = f"{counted(len(found.running), 'analysis', 'analyses')} running, {words}"
+    if _waits_long(found) and found.oldest_at is not None:
+        words = f"{words}, the oldest for {_span(utc_now() - found.oldest_at)}"
+        # While one runs somebody does work: then it is only the queue that is long.
+        end = "." if found.running else ": does a service run?"
+        return warning("analyses", f"{words}{end}")
+    return ok("analyses", f"{words}.")
+
+
+def _waits_long(found: Queue) -> bool:
+    return found.oldest_at is not None and utc_now() - found.oldest_at > LONG_WAIT
 
 
 def _statuses(database: Database) -> Iterator[Judged]:

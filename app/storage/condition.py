@@ -11,6 +11,7 @@ from pathlib import Path
 from sqlalchemy import func, select, text
 from sqlalchemy.orm import Session
 
+from app.storage.analyses import running_analyses
 from app.storage.database import Database
 from app.storage.limits import UNLIMITED
 from app.storage.migrate import check_not_newer
@@ -30,12 +31,13 @@ class Space:
 class Queue:
     """Analyses that wait, since when the oldest does, and how far those that run are.
 
-    `beats` is of each analysis that runs, by its number: it grows for as long as it lives.
+    `running` is of each analysis that runs, by its number: whose try it is, and its beats, which
+    grow for as long as that lives.
     """
 
     waiting: int
     oldest_at: datetime | None
-    beats: dict[int, int]
+    running: dict[int, tuple[str, int]]
 
 
 def revision_of(database: Database) -> str | None:
@@ -112,7 +114,4 @@ def queue(session: Session) -> Queue:
             AnalysisRow.status == AnalysisStatus.QUEUED
         )
     ).one()
-    running = select(AnalysisRow.id, AnalysisRow.beats).where(
-        AnalysisRow.status == AnalysisStatus.RUNNING
-    )
-    return Queue(waiting, oldest_at, {row.id: row.beats for row in session.execute(running)})
+    return Queue(waiting, oldest_at, running_analyses(session))

@@ -125,7 +125,7 @@ def test_a_service_whose_disk_is_nearly_full(run, service_url, monkeypatch):
 def test_an_analysis_that_nobody_works_on_and_one_that_waits_too_long(
     run, furnished_url, monkeypatch
 ):
-    monkeypatch.setattr(doctor, "BEAT_S", 0.01)
+    monkeypatch.setattr(doctor, "sleep", lambda _seconds: None)
     database = Database(furnished_url)
     row = (
         "INSERT INTO analysis (machine_id, model_version, verification_ids, holdout_fraction, "
@@ -144,7 +144,10 @@ def test_an_analysis_that_nobody_works_on_and_one_that_waits_too_long(
         session.execute(text(row), {"status": "running"} | made)
     about = examined(run, "--database-url", furnished_url)[1]
     assert about["analyses"][0] == "trouble"
-    assert "running, but nobody works on it" in about["analyses"][1]
+    assert about["analyses"][1] == (
+        "Analysis 2 is running, but nobody works on it: in 24 s there was no sign of life, and no "
+        "service took it up again; one that starts does."
+    )
     beats = iter(range(5, 100))
 
     def work(_seconds):
@@ -154,7 +157,21 @@ def test_an_analysis_that_nobody_works_on_and_one_that_waits_too_long(
 
     monkeypatch.setattr(doctor, "sleep", work)
     about = examined(run, "--database-url", furnished_url)[1]
-    assert "nobody" not in about["analyses"][1]
+    assert about["analyses"] == (
+        "warning",
+        "1 analysis running, 1 analysis waiting, the oldest for 3 hours.",
+    )
+    looks = iter(range(100))
+
+    def take_up(_seconds):
+        """Be a service that has just been restarted: it waits before it takes up what was left."""
+        if next(looks) == 5:
+            with database.writing() as session:
+                session.execute(text("UPDATE analysis SET status = 'queued', owner = NULL"))
+
+    monkeypatch.setattr(doctor, "sleep", take_up)
+    about = examined(run, "--database-url", furnished_url)[1]
+    assert about["analyses"][1].startswith("2 analyses waiting, the oldest for 3 hours")
     database.close()
 
 
