@@ -273,7 +273,11 @@ def _check_time(context: Context, error_map: ErrorMap) -> None:
 
 
 def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
-    """Refuse what this machine cannot have: its sensors' ranges, its axes, errors beyond any."""
+    """Refuse what this machine cannot have: its sensors' ranges, its axes, errors beyond any.
+
+    Positions in another unit make a table that is nowhere right, and the first map of a machine
+    is followed at once: so they are refused too.
+    """
     errors = [
         FieldError(f"temperatures_c.{state.sensor}", state.detail)
         for state in check_temperatures(machine, error_map.temperatures_c)
@@ -288,6 +292,11 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
         )
         if stated is not None and (said := impossible_error(table.component, stated))
     ]
+    errors += [
+        FieldError(f"components.{i}.positions_mm", meant)
+        for i, table in enumerate(error_map.tables.values())
+        if (meant := _in_another_unit(machine, table))
+    ]
     axes = {*machine.chain.axes, None}
     errors += [
         FieldError("components", f"{code} is an error of an axis that {machine.chain.text} lacks")
@@ -301,6 +310,22 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
     ]
     if errors:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
+
+
+def _in_another_unit(machine: Machine, table: ComponentTable) -> str | None:
+    """Say that positions were evidently meant in another unit; None where they may be in mm."""
+    travel = machine.axes.get(table.component.axis or "")
+    if travel is None or not table.component.is_table:
+        return None
+    unit = travel.unit_meant(table.positions_mm.tolist())
+    if unit is None:
+        return None
+    first, last = table.positions_mm[0], table.positions_mm[-1]
+    return (
+        f"expected positions of {table.component.code} in mm, on an axis of {travel.min_mm:g} to "
+        f"{travel.max_mm:g} mm, got {first:g} to {last:g} mm: were they meant in {unit}, or is the "
+        "machine's travel stated in another unit?"
+    )
 
 
 @repeated

@@ -36,12 +36,9 @@ from app.storage.verifications import (
 )
 from app.storage.watches import StoredWatch, find_watch, write_watch
 from app.thermal.machine import Machine
-from app.units import MM_PER_M, iso_time
+from app.units import iso_time
 
 log = logging.getLogger("thermap")
-
-ENOUGH_PLACES = 3
-"""So many positions of an axis show how much of it was measured; fewer may be one place's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,10 +238,7 @@ def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> l
     found = []
     for axis, own in places.items():
         travel = machine.axes.get(axis)
-        if travel is None or len(own) < ENOUGH_PLACES:
-            continue
-        end = max(abs(travel.min_mm), abs(travel.max_mm))
-        if max(map(abs, own)) * MM_PER_M <= end:
+        if travel is not None and own and travel.unit_meant(own) == "m":
             found.append(
                 f"all positions of {axis} are from {min(own):g} to {max(own):g} mm, on an axis of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm: are they in mm?"

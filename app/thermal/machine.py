@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from app.errors import InvalidContent, UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.units import KELVIN_AT_0_C
+from app.units import KELVIN_AT_0_C, MM_PER_M
 
 DEFAULT_STAND_INS = {"x-middle": "y-front"}
 """The chapter's machine: y-front reads the same as x-middle (8.2.9)."""
 
 ROUNDING_C = 1e-9
 """Tolerance on a difference of temperatures that equals the resolution [°C]."""
+
+FAR_BEYOND = 100.0
+"""So many times further than an axis goes, a position is one in another unit."""
+
+ENOUGH_PLACES = 3
+"""So many positions of an axis show how much of it was measured; fewer may be one place's."""
 
 _SENSOR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,63}")
 
@@ -43,6 +49,23 @@ class Travel:
 
     min_mm: float
     max_mm: float
+
+    def unit_meant(self, positions_mm: Collection[float]) -> str | None:
+        """Say in which unit positions of this axis must have been meant; None: in mm.
+
+        Positions that are all within a thousandth of the axis were in m, one that lies a hundred
+        times beyond its end was in µm.
+
+        >>> Travel(0.0, 500.0).unit_meant([0.0, 0.25, 0.5])
+        'm'
+        >>> Travel(0.0, 500.0).unit_meant([0.0, 250e3, 500e3])
+        'µm'
+        """
+        end, farthest = (max(map(abs, p)) for p in ((self.min_mm, self.max_mm), positions_mm))
+        if farthest >= FAR_BEYOND * end:
+            return "µm"
+        is_tiny = len(set(positions_mm)) >= ENOUGH_PLACES and farthest * MM_PER_M <= end
+        return "m" if is_tiny else None
 
 
 @dataclass(frozen=True, slots=True)

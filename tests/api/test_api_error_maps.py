@@ -244,14 +244,36 @@ async def test_where_the_machine_asks_for_it_near_maps_are_averaged(client):
 
 @pytest.mark.parametrize(
     ("positions_mm", "said"),
-    [([0], "one position"), ([0, 0.25, 0.5], "are its positions in mm?"), ([0, 500], None)],
-    ids=["one", "metres", "whole travel"],
+    [([0], "one position"), ([0, 25, 49], "are its positions in mm?"), ([0, 500], None)],
+    ids=["one", "short", "whole travel"],
 )
 async def test_what_is_unusual_about_a_table_is_said(client, positions_mm, said):
     answer = await stored(client, table("EXX", positions_mm, [float(p) for p in positions_mm]))
     assert answer.status_code == 201
     warnings = answer.json()["warnings"]
     assert [said in w for w in warnings] == [True] if said else warnings == []
+
+
+@pytest.mark.parametrize(
+    ("positions_mm", "said"),
+    [
+        ([0, 0.25, 0.5], "got 0 to 0.5 mm: were they meant in m,"),
+        ([0, 250e3, 500e3], "got 0 to 500000 mm: were they meant in µm,"),
+    ],
+)
+async def test_positions_in_another_unit_are_refused_with_what_was_expected(
+    client, positions_mm, said
+):
+    """The first map of a machine is followed at once: a warning beside it came too late."""
+    lying = table("EXX", positions_mm, [0.0, 2.0, 5.0])
+    for query in ("", "?preview=true"):
+        body = error_map("Run #9", 40.0, components=[table("EBX", [0, 1], [0, 1], "urad"), lying])
+        found = problem(await client.post(PATH + query, json=body), 422)
+        (error,) = found["errors"]
+        assert error["field"] == "components.1.positions_mm"
+        expected = "expected positions of EXX in mm, on an axis of 0 to 500 mm, "
+        assert error["message"].startswith(expected + said)
+    assert len((await client.get(PATH)).json()) == len(MAPS)
 
 
 HOT = {"x-middle": 77.0, "y-front": 77.0, "z-column": 78.8}
