@@ -2382,6 +2382,16 @@ class BeyondMaps(Shape):
     """
 
 
+class ChangeThenAnswer(ComponentChangeAnswer):
+    """The largest change of one component's error over what was recorded, and when that was."""
+
+    time: AwareDatetime
+    """Time of that reading, UTC"""
+
+    temperatures_c: dict[str, float]
+    """The temperatures then [°C]"""
+
+
 class CompareAnswer(Shape):
     """What a controller holds against what it should hold."""
 
@@ -3188,6 +3198,27 @@ class ProposalAnswer(Shape):
     """One for each sensor"""
 
 
+class RecordedChangesAnswer(Shape):
+    """By how much tables would have differed at what was recorded, up to the latest reading."""
+
+    count: int
+    """At how many recorded moments tables were compared: a few dozen of them, as far apart in
+    temperature as can be; 0 where there are none
+    """
+
+    first_at: AwareDatetime | None = None
+    """The first of them, UTC; null without any"""
+
+    last_at: AwareDatetime | None = None
+    """The last of them, UTC; null without any"""
+
+    changes: list[ChangeThenAnswer]
+    """The largest change over them of each component that changes more there than at the latest
+    reading, the largest number first (1 µrad counts as 1 µm); what adopted effects make of the past
+    (lags) is not in it
+    """
+
+
 class ResidualsAnswer(Shape):
     """What a model version leaves of verifications."""
 
@@ -3692,6 +3723,11 @@ class PreviewAnswer(Shape):
 
     not_compared: str
     """Why nothing is known of changes, such as that there is no reading; else empty"""
+
+    recorded: RecordedChangesAnswer
+    """The same at what was recorded before: a map whose temperatures are wrong may change nothing
+    at the latest reading
+    """
 
     warnings: list[str] = []
     """What is unusual about what would be stored, such as numbers that may be in another unit"""

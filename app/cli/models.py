@@ -36,6 +36,7 @@ from thermap import DEFAULT_URL
 if TYPE_CHECKING:
     from thermap.answers import (
         AdoptedEffectAnswer,
+        ChangeThenAnswer,
         ComponentChangeAnswer,
         CoverageAnswer,
         ModelAnswer,
@@ -249,6 +250,10 @@ def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
     if changes:
         named = list_names(map(_change_text, changes), MOST_CHANGES)
         yield f"would change the errors at the latest reading: {named}"
+    if preview.recorded.changes:
+        of = counted(preview.recorded.count, "recorded reading")
+        named = list_names(map(_change_then_text, preview.recorded.changes), MOST_CHANGES)
+        yield f"would have changed the errors at the worst of {of} by more: {named}"
 
 
 def difference_lines(change: ModelChange) -> Iterator[str]:
@@ -316,6 +321,11 @@ def _together(parts: Iterable[CoverageAnswer]) -> list[str]:
 
 def _names(codes: Sequence[str]) -> str:
     return list_names(codes, 30)
+
+
+def _change_then_text(one: ChangeThenAnswer) -> str:
+    at = list_names((f"{name} {value:g} °C" for name, value in one.temperatures_c.items()), 3)
+    return f"{_change_text(one)} ({when(one.time)} UTC: {at})"
 
 
 def _change_text(change: ComponentChangeAnswer) -> str:

@@ -29,6 +29,7 @@ from app.services.change_model import (
 from app.services.context import Context, repeated
 from app.services.live_table import CurrentTable, current_state, current_table
 from app.services.load_machine import adopted_effects, compile_version, load_machine, restore_past
+from app.services.recorded_change import RecordedChanges, recorded_changes
 from app.storage.machines import find_machine, stored_machine
 from app.storage.model_versions import activate_version, active_version, find_version, set_waiting
 from app.storage.records import ModelVersion
@@ -59,8 +60,9 @@ class Preview:
 
     `activates` says whether it would be activated without more ado, and `reason` what would
     make it; `active_version` is the one that it is held against, None before the first, and
-    `waited_before` what waits already, which may be why something is lost. `remarks` say what is
-    unusual about what would be stored.
+    `waited_before` what waits already, which may be why something is lost. `recorded`
+    compares tables at what was recorded before the latest reading. `remarks` say what is unusual
+    about what would be stored.
     """
 
     reason: str
@@ -69,6 +71,7 @@ class Preview:
     difference: ModelDifference
     present: PresentChange
     waited_before: WaitedBefore | None
+    recorded: RecordedChanges
     remarks: Sequence[str] = ()
 
 
@@ -113,14 +116,40 @@ def _preview(
     activates: bool = False,
 ) -> Preview:
     difference = difference_to_active(context, change, ModelWithEffects(model, effects))
+    present = _present_change(context, change, model, effects)
     return Preview(
         reason=reason,
         active_version=change.row.active_version,
         activates=activates or not difference.loses,
         difference=difference,
-        present=_present_change(context, change, model, effects),
+        present=present,
         waited_before=waited_before(context, change),
+        recorded=_recorded_changes(context, change, model, effects, present.changes),
     )
+
+
+def _recorded_changes(
+    context: Context,
+    change: MachineChange,
+    model: CompiledModel,
+    effects: Sequence[Effect],
+    now: Sequence[ComponentChange],
+) -> RecordedChanges:
+    """Compare the active model's tables with another's at what was recorded."""
+    if change.version is None:
+        return RecordedChanges()
+    live = _live_machine(context, change)
+    after = _with_other(live.current, model, effects)
+    until = context.usable_until()
+    return recorded_changes(change.session, change.row.id, live.current, after, until, now)
+
+
+def _live_machine(context: Context, change: MachineChange) -> LiveMachine:
+    """Give the machine in memory, with the version that is active in the database."""
+    live = context.live.get(change.row.id)
+    if live is None or live.current.version != change.row.active_version:
+        live = load_machine(context, change.row.id)
+    return live
 
 
 def _present_change(
@@ -129,9 +158,7 @@ def _present_change(
     """Compute the table at the latest reading with the active model, and with another."""
     if change.row.active_version is None:
         return PresentChange("there is no active model yet")
-    live = context.live.get(change.row.id)
-    if live is None or live.current.version != change.row.active_version:
-        live = load_machine(context, change.row.id)
+    live = _live_machine(context, change)
     other = _with_model(context, live, model, effects)
     tables = []
     for whose, machine in (("", live), ("with the new version ", other)):
@@ -186,10 +213,7 @@ def _with_model(
     context: Context, live: LiveMachine, model: CompiledModel, effects: Sequence[Effect]
 ) -> LiveMachine:
     """Set another model beside a machine's readings, with the past that its effects need."""
-    now = live.current
-    other = LiveMachine(
-        LiveModel(model, now.version, now.created_at, now.revision, now.loaded_at, tuple(effects))
-    )
+    other = LiveMachine(_with_other(live.current, model, effects))
     held = live.readings.held
     # A window of its own: what becomes usable meanwhile is the live machine's to take in.
     other.readings.replace(model.machine, [*held.used, *held.ahead], context.usable_until())
@@ -199,6 +223,12 @@ def _with_model(
     else:
         restore_past(context, other)
     return other
+
+
+def _with_other(now: LiveModel, model: CompiledModel, effects: Sequence[Effect]) -> LiveModel:
+    return LiveModel(
+        model, now.version, now.created_at, now.revision, now.loaded_at, tuple(effects)
+    )
 
 
 @repeated

@@ -330,6 +330,30 @@ def readings_after(session: Session, machine_id: str, time: datetime, limit: int
     return [_reading(row) for row in session.scalars(query)]
 
 
+def newest_readings(
+    session: Session, machine_id: str, until: datetime, limit: int
+) -> list[Reading]:
+    """List the last readings up to a time, in order of time."""
+    query = (
+        select(ReadingRow)
+        .where(ReadingRow.machine_id == machine_id, ReadingRow.time <= until)
+        .order_by(ReadingRow.time.desc())
+        .limit(limit)
+    )
+    return [_reading(row) for row in session.scalars(query)][::-1]
+
+
+def oldest_time(session: Session, machine_id: str) -> datetime | None:
+    """Give the time of a machine's oldest reading, None where there is none."""
+    query = (
+        select(ReadingRow.time)
+        .where(ReadingRow.machine_id == machine_id)
+        .order_by(ReadingRow.time)
+        .limit(1)
+    )
+    return session.scalar(query)
+
+
 def newest_time(session: Session, machine_id: str, until: datetime) -> datetime | None:
     """Give the time of a machine's newest reading up to a time, None where there is none."""
     query = (

@@ -335,6 +335,47 @@ async def test_a_preview_stores_nothing_and_says_by_how_much_tables_would_change
     assert contents(app) == before
 
 
+async def test_a_preview_says_what_would_have_changed_at_what_was_recorded(client):
+    """As where a map's sensors were swapped, while the machine now is as cold as its first map."""
+    warm = START - timedelta(hours=2)
+    cold = [reading(START - timedelta(minutes=minutes), 20.0) for minutes in (60, 30, 0)]
+    await stored(client, [reading(warm, 28.0), *cold])
+    new = error_map("new", 27.0)
+    new["components"] = [table("EXX", [0, 100, 500], [0.0, 14.0, 70.0])]
+    path = f"{ROOM}/error-maps?preview=true"
+    document = (await client.post(path, json=new)).json()
+    assert [c["change"] for c in document["changes"] if c["component"] == "EXX"] == [0.0]
+    recorded = document["recorded"]
+    assert (recorded["count"], recorded["first_at"], recorded["last_at"]) == (
+        4,
+        iso(warm),
+        iso(START),
+    )
+    # Before: 40 µm between 20 and 50 µm; afterwards a third of the way from 70 to 50 µm.
+    (change,) = recorded["changes"]
+    assert change["component"] == "EXX"
+    assert change["change"] == pytest.approx(70.0 - 20.0 / 3.0 - 40.0)
+    assert (change["position_mm"], change["time"]) == (500, iso(warm))
+    assert change["temperatures_c"]["x-middle"] == 28.0
+
+
+async def test_a_spread_of_many_readings_finds_the_few_that_were_warm(client):
+    """One hour in ten days: evenly chosen readings alone might miss it, warmth does not."""
+    minutes = range(0, 14400, 10)
+    await stored(
+        client,
+        [
+            reading(START - timedelta(minutes=m), 28.0 if 7200 < m <= 7400 else 20.0 + m % 7 / 10)
+            for m in minutes
+        ],
+    )
+    new = error_map("new", 27.0)
+    new["components"] = [table("EXX", [0, 100, 500], [0.0, 14.0, 70.0])]
+    recorded = (await client.post(f"{ROOM}/error-maps?preview=true", json=new)).json()["recorded"]
+    assert recorded["count"] <= 24
+    assert recorded["changes"][0]["change"] == pytest.approx(70.0 - 20.0 / 3.0 - 40.0)
+
+
 async def test_a_preview_of_a_measurement_stores_nothing(client, app):
     before = contents(app)
     body = POSITIONING | {"temperatures_c": temperatures(40.0)}

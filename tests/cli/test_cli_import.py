@@ -1,6 +1,7 @@
 """thermap import: all files are checked, then sent, once each."""
 
 import json
+from datetime import timedelta
 
 import pytest
 
@@ -255,8 +256,17 @@ def test_a_preview_says_what_would_change_and_stores_nothing(thermap, client, wr
     assert "would gain maps of EXX between 30 and 34 °C of x-middle" in found.stdout
     # At 40 °C tables are held at 30 °C (EXX 50 µm at 500 mm), then at 34 °C (70 µm).
     assert "EXX by +20.00 µm at 500 mm" in found.stdout
+    assert "by more" not in found.stdout
     assert "nothing was stored" in found.stdout
     assert len(client.error_maps("mcfv5050")) == 3
+
+
+def test_a_preview_says_what_would_have_changed_by_more_before(thermap, client, write):
+    client.store_readings("mcfv5050", reading(START - timedelta(hours=1), 40.0))
+    client.store_readings("mcfv5050", reading(START, 24.0))
+    found = thermap("import", write("run-7.csv", CSV), "-m", "mcfv5050", "--preview")
+    said = "at the worst of 2 recorded readings by more: EXX by +20.00 µm at 500 mm (2026-03-01 "
+    assert said + "05:00 UTC: x-middle 40 °C" in found.stdout
 
 
 def test_maps_of_a_machine_whose_sensors_nobody_assigned_are_told_of_once(thermap, write):

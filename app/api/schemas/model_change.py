@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from app.effects.adopted.model_difference import ModelDifference, Part
     from app.services.change_model import MadeVersion, WaitedBefore
     from app.services.models import Preview
+    from app.services.recorded_change import ChangeThen, RecordedChanges
 
 
 class CoverageAnswer(Schema):
@@ -88,6 +89,46 @@ class ComponentChangeAnswer(Schema):
             direction="-" if found.is_backward else "+",
             status_before=found.status_before,
             status_after=found.status_after,
+        )
+
+
+class ChangeThenAnswer(ComponentChangeAnswer):
+    """The largest change of one component's error over what was recorded, and when that was."""
+
+    time: UtcTime = Field(description="Time of that reading, UTC")
+    temperatures_c: dict[str, Number] = Field(description="The temperatures then [°C]")
+
+    @classmethod
+    def then(cls, found: ChangeThen) -> Self:
+        """Show a change and its moment."""
+        change = ComponentChangeAnswer.of(found.change).model_dump()
+        return cls(**change, time=found.time, temperatures_c=dict(found.temperatures_c))
+
+
+class RecordedChangesAnswer(Schema):
+    """By how much tables would have differed at what was recorded, up to the latest reading."""
+
+    count: int = Field(
+        description="At how many recorded moments tables were compared: a few dozen of them, as "
+        "far apart in temperature as can be; 0 where there are none",
+        examples=[24],
+    )
+    first_at: UtcTime | None = Field(None, description="The first of them, UTC; null without any")
+    last_at: UtcTime | None = Field(None, description="The last of them, UTC; null without any")
+    changes: list[ChangeThenAnswer] = Field(
+        description="The largest change over them of each component that changes more there than "
+        "at the latest reading, the largest number first (1 µrad counts as 1 µm); what adopted "
+        "effects make of the past (lags) is not in it"
+    )
+
+    @classmethod
+    def of(cls, found: RecordedChanges) -> Self:
+        """Show what was compared."""
+        return cls(
+            count=found.count,
+            first_at=found.first_at,
+            last_at=found.last_at,
+            changes=[ChangeThenAnswer.then(one) for one in found.changes],
         )
 
 
@@ -208,6 +249,10 @@ class PreviewAnswer(Schema):
     not_compared: str = Field(
         description="Why nothing is known of changes, such as that there is no reading; else empty"
     )
+    recorded: RecordedChangesAnswer = Field(
+        description="The same at what was recorded before: a map whose temperatures are wrong may "
+        "change nothing at the latest reading"
+    )
     warnings: list[str] = Field(
         default_factory=list,
         description="What is unusual about what would be stored, such as numbers that may be in "
@@ -234,5 +279,6 @@ def preview_fields(preview: Preview) -> dict[str, Any]:
         "temperatures_c": dict(present.temperatures_c),
         "changes": [ComponentChangeAnswer.of(change) for change in present.changes],
         "not_compared": present.why_not,
+        "recorded": RecordedChangesAnswer.of(preview.recorded),
         "warnings": list(preview.remarks),
     }

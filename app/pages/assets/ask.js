@@ -102,8 +102,19 @@ export function signed(value) {
   return (value > 0 ? "+" : "−") + text;
 }
 
-// What a preview says: the largest change now and its place, then what would be lost.
+// What a preview says: the largest change now and its place, and where it was larger before.
 export function changeWords(preview) {
+  const [then] = preview.recorded.changes;
+  if (!then) return changeNow(preview);
+  const at = then.position_mm === null ? "" : ` at ${then.component.at(-1)} ${then.position_mm}`;
+  const when = then.time.slice(0, 16).replace("T", " ");
+  return (
+    `${changeNow(preview)} At the worst of ${preview.recorded.count} recorded readings (${when} UTC) it would have changed ` +
+    `${then.component} by ${signed(then.change)} ${then.unit}${at}.`
+  );
+}
+
+function changeNow(preview) {
   if (preview.not_compared) return `What it changes now is not known: ${preview.not_compared}.`;
   const [largest, ...others] = preview.changes;
   if (!largest || largest.change === 0) return "At the present temperatures it changes nothing.";

@@ -9,7 +9,7 @@ from typing import Any, Final
 from app.compensation.table import CompensationTable, ComponentCompensation
 from app.compensation.table_difference import ComponentChange
 from app.effects.adopted.model_difference import Part
-from app.errors import counted
+from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
 from app.pages.dashboard.navigation import Shown
@@ -17,6 +17,7 @@ from app.pages.dashboard.numbers import clock, number, short, signed
 from app.pages.environment import render_live
 from app.services.maps_view import MapsView
 from app.services.models import Preview
+from app.services.recorded_change import RecordedChanges
 from app.storage.records import ModelVersion, StoredMap
 from app.thermal.error_map import ErrorMap
 from app.units import unit_of_field
@@ -31,6 +32,9 @@ METHODS: Final = {
     "rotary-axis": "a rotary axis (R-test)",
 }
 """Methods whose tables of readings make a map, in words."""
+
+MOST_RECORDED: Final = 4
+"""Components that are named whose change was larger at what was recorded."""
 
 SEEN: Final = 0.05
 """Changes below are 0.0 as they are written: their rows fold into one."""
@@ -136,7 +140,7 @@ def _preview_page(
         changes=_changes(preview.present.changes),
         why_not=preview.present.why_not,
         waited=preview.waited_before,
-        remarks=remarks,
+        remarks=[*_recorded(preview.recorded), *remarks],
         figures=figures,
     )
 
@@ -194,6 +198,22 @@ def _worst(preview: Preview, subject: str) -> str:
         return f"{subject} loses nothing, and no value changes now by {SEEN:g} or more."
     row = _row(present.changes[0])
     return f"{subject} would change {row['code']} by {row['change']} {row['unit']} {row['place']}."
+
+
+def _recorded(recorded: RecordedChanges) -> list[str]:
+    """Say what would have changed more at what was recorded than at the latest reading."""
+    if not recorded.changes:
+        return []
+    rows = ((_row(one.change), one.time) for one in recorded.changes)
+    named = list_names(
+        (
+            f"{row['code']} by {row['change']} {row['unit']} {row['place']} ({then:%Y-%m-%d %H:%M})"
+            for row, then in rows
+        ),
+        MOST_RECORDED,
+    )
+    of = counted(recorded.count, "recorded reading")
+    return [f"At the worst of {of} it would have changed more than now: {named}."]
 
 
 def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:

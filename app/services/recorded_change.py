@@ -1,0 +1,155 @@
+"""By how much tables would have changed at what was recorded, not only at the latest reading.
+
+The latest reading mostly lies where maps differ little: at one of them, or in the morning. A map
+whose temperatures were swapped shows where the machine was warm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.compensation.table_difference import ComponentChange, component_changes
+from app.errors import ThermapError
+from app.live.registry import LiveModel
+from app.services.live_table import table_at
+from app.storage.readings import newest_readings, newest_time, oldest_time
+from app.thermal.machine import Machine
+
+LOOKED_AT: Final = 150
+"""Moments from the first reading to the last, evenly in time, among which some are chosen."""
+
+COMPARED: Final = 24
+"""So many of them, as far apart in temperature as can be: each costs two tables."""
+
+CLEARLY: Final = 1.2
+"""So many times larger is another change than that at the latest reading."""
+
+LEAST: Final = 0.005
+"""Less than this is written as nothing [the component's unit]."""
+
+AROUND: Final = 8
+"""Readings that are put together for a moment: not every one has all sensors."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeThen:
+    """The largest change of one component over the recorded moments, and which one that was."""
+
+    change: ComponentChange
+    time: datetime
+    temperatures_c: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedChanges:
+    """How many recorded moments were compared, from when to when, and what changed more then.
+
+    `changes` are of the components whose change at one of them is larger than at the latest
+    reading, or that have none there.
+
+    `first_at` and `last_at` are None where none could be.
+    """
+
+    count: int = 0
+    first_at: datetime | None = None
+    last_at: datetime | None = None
+    changes: Sequence[ChangeThen] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """What was recorded at one time."""
+
+    time: datetime
+    temperatures_c: Mapping[str, float]
+    state: Mapping[str, float]
+
+
+def recorded_changes(
+    session: Session,
+    machine_id: str,
+    before: LiveModel,
+    after: LiveModel,
+    until: datetime,
+    now: Sequence[ComponentChange] = (),
+) -> RecordedChanges:
+    """Compare the tables of two models at a spread of what was recorded up to a time.
+
+    `now` are the changes at the latest reading. What effects make of the past (lags) is in neither
+    table, for one moment does not say it.
+    """
+    machine = after.model.machine
+    used = sorted({g.sensor for one in (before, after) for g in one.model.groups})
+    largest: dict[str, ChangeThen] = {}
+    times = []
+    for moment in _spread(list(_moments(session, machine_id, machine, until)), used):
+        try:
+            tables = [
+                table_at(one, moment.temperatures_c, moment.time, state=moment.state)
+                for one in (before, after)
+            ]
+        except ThermapError:
+            continue  # a sensor was missing then, or the machine's policy has no table there
+        times.append(moment.time)
+        for change in component_changes(*tables):
+            code = change.component.code
+            if code not in largest or abs(change.change) > abs(largest[code].change.change):
+                largest[code] = ChangeThen(change, moment.time, moment.temperatures_c)
+    if not times:
+        return RecordedChanges()
+    least = {one.component.code: max(CLEARLY * abs(one.change), LEAST) for one in now}
+    further = [
+        one for code, one in largest.items() if abs(one.change.change) >= least.get(code, LEAST)
+    ]
+    found = sorted(further, key=lambda one: -abs(one.change.change))
+    return RecordedChanges(len(times), min(times), max(times), found)
+
+
+def _moments(
+    session: Session, machine_id: str, machine: Machine, until: datetime
+) -> Iterator[_Moment]:
+    """Read what was recorded at moments from the first reading to the last, each once."""
+    first, last = oldest_time(session, machine_id), newest_time(session, machine_id, until)
+    if first is None or last is None or last < first:
+        return
+    step = (last - first) / (LOOKED_AT - 1)
+    seen = None
+    for i in range(LOOKED_AT):
+        at = last - i * step
+        if seen is not None and at >= seen:
+            continue  # nothing was recorded between
+        readings = newest_readings(session, machine_id, at, AROUND)
+        if not readings:
+            return
+        seen = time = readings[-1].time
+        temperatures_c = {
+            name: value
+            for reading in readings
+            for name, value in reading.temperatures_c.items()
+            if name in machine.sensors
+            and time - reading.time <= timedelta(seconds=machine.sensor(name).max_age_s)
+        }
+        yield _Moment(time, temperatures_c, readings[-1].state)
+
+
+def _spread(moments: Sequence[_Moment], sensors: Sequence[str]) -> list[_Moment]:
+    """Choose moments that are far apart in temperature, the latest first."""
+    if len(moments) <= COMPARED or not sensors:
+        return list(moments[:COMPARED])
+    values = np.array([[m.temperatures_c.get(s, np.nan) for s in sensors] for m in moments])
+    with_all = np.flatnonzero(~np.isnan(values).any(axis=1))
+    if with_all.size == 0:
+        return list(moments[:COMPARED])
+    values = values[with_all]
+    chosen = [0]
+    away = np.linalg.norm(values - values[0], axis=1)
+    while len(chosen) < COMPARED and away.max() > 0.0:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(values - values[chosen[-1]], axis=1))
+    return [moments[i] for i in with_all[chosen].tolist()]
