@@ -126,7 +126,7 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
     of changes.
     """
     for line in preview_lines(preview):
-        good = line.startswith(("would gain", "would change"))
+        good = line.startswith(("would gain", "would change", "would have changed"))
         typer.echo(f"{file}: {line}", err=not good)
     if alone:
         if preview.not_compared:
