@@ -6,12 +6,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.observations import Observation, Verification
-from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
+from app.errors import Conflict, InvalidContent, StorageUnavailable, counted, list_names
 from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.residuals import WrongUnit
@@ -32,6 +33,7 @@ from app.storage.verifications import (
     list_verifications,
     read_verification,
     same_content,
+    shared_observations,
     stored_verification,
 )
 from app.storage.watches import StoredWatch, find_watch, write_watch
@@ -39,6 +41,11 @@ from app.thermal.machine import Machine
 from app.units import iso_time
 
 log = logging.getLogger("thermap")
+
+
+FEWEST_SHARED: Final = 2
+"""Observations that two verifications have in common before anybody is asked: files of a log may
+overlap by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,23 +216,28 @@ def remarks_on_verification(
 
 
 def _copies(session: Session, machine_id: str, verification: Verification) -> list[str]:
-    """Ask about a verification that is stored under another label too: it would count twice."""
+    """Ask about observations that are stored under another label too: they would count twice."""
     times_s = [o.time_s for o in verification.observations]
-    same = [
-        one
-        for one in list_verifications(session, machine_id)
-        if one.label != verification.label
-        and one.observations == len(times_s)
-        and (one.first_at.timestamp(), one.last_at.timestamp()) == (min(times_s), max(times_s))
-    ]
+    first_s, last_s = min(times_s), max(times_s)
     said = []
-    for one in same:
+    for one in list_verifications(session, machine_id):
+        is_apart = one.last_at.timestamp() < first_s or one.first_at.timestamp() > last_s
+        if one.label == verification.label or is_apart:
+            continue
         row = find_verification(session, machine_id, one.id, observations=True)
-        if list(read_verification(row).observations) == list(verification.observations):
-            said.append(
-                f"verification {one.label!r} (number {one.id}) has the same observations: one "
-                "that is stored twice counts as two visits; delete one of them"
-            )
+        shared = shared_observations(row, verification)
+        if shared < min(FEWEST_SHARED, len(times_s)):
+            continue
+        is_whole = shared == len(times_s) == one.observations
+        which = f"verification {one.label!r} (number {one.id}) has "
+        said.append(
+            f"{which}the same observations: one that is stored twice counts as two visits; delete "
+            "one of them"
+            if is_whole
+            else f"{which}{shared:,} of these {counted(len(times_s), 'observation')} too, at the "
+            "same time and to the last digit: what is stored twice counts as two visits; is one a "
+            "copy of the other?"
+        )
     return said
 
 

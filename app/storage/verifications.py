@@ -27,6 +27,7 @@ _ARRAYS: Final = (
     *("times_s", "component", "measured", "points_mm", "tool_offsets_mm", "directions"),
     "states",
 )
+_COMPARED: Final = ("measured", "points_mm", "directions")
 _FACTS: Final = (
     *("label", "datum", "repeatability_um", "components", "state_names"),
     "setup_names",
@@ -159,6 +160,29 @@ def same_content(row: VerificationRow, verification: Verification) -> bool:
         )
         and _setups(row) == _setups(other)
     )
+
+
+def shared_observations(row: VerificationRow, verification: Verification) -> int:
+    """Count the observations of a verification that a row has too: time, place, direction, value.
+
+    What they state of the machine and in which set-up they were made does not matter: whoever
+    copies a file may name it anew.
+    """
+    own = _row(row.machine_id, verification)
+    if not np.isin(own.times_s, row.times_s).any():
+        return 0
+    there = set(_compared(row))
+    return sum(one in there for one in _compared(own))
+
+
+def _compared(row: VerificationRow) -> list[tuple[str, bytes]]:
+    """Give of each observation what is compared: the component, and its numbers."""
+    numbers = [row.times_s.reshape(-1, 1)]
+    numbers += [getattr(row, name).reshape(-1, 3) for name in _COMPARED]
+    # 0 and −0 are one number; all NaN are one.
+    together = np.nan_to_num(np.hstack(numbers), nan=np.inf, posinf=np.inf) + 0.0
+    names = [row.components[int(i)] for i in row.component]
+    return [(name, one.tobytes()) for name, one in zip(names, together, strict=True)]
 
 
 def _row(machine_id: str, verification: Verification) -> VerificationRow:

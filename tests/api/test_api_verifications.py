@@ -49,7 +49,8 @@ async def test_copied_observations_are_stored_and_said(client):
     (warning,) = answer.json()["warnings"]
     assert warning.startswith("2 observations have the time, place and direction of another one")
     assert "EXX at " in warning
-    apart = verification(one, later, one | {"direction": "-"}, label="apart")
+    other = one | {"measured_um": 4.4}
+    apart = verification(other, later, other | {"direction": "-"}, label="apart")
     assert (await client.post(PATH, json=apart)).json()["warnings"] == []
 
 
@@ -64,6 +65,43 @@ async def test_the_same_observations_under_another_label_are_said(client):
     assert warning.startswith(f"verification 'night shift' (number {first['id']}) has the same")
     other = observation(), observation(minutes=-50, measured_um=4.6)
     answer = await client.post(PATH, json=verification(*other, label="measured again"))
+    assert answer.json()["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("kept", "changed", "shared"),
+    [
+        (range(5), None, "5 of these 5"),
+        (range(6), 2, "5 of these 6"),
+        ([0, 3], None, "2 of these"),
+    ],
+    ids=["one dropped", "one changed", "most dropped"],
+)
+async def test_parts_of_a_verification_under_another_label_are_asked_about(
+    client, kept, changed, shared
+):
+    rows = [observation(minutes=i - 60, position_mm=50.0 * i, measured_um=i) for i in range(6)]
+    assert (await client.post(PATH, json=verification(*rows))).json()["warnings"] == []
+    part = [rows[i] | {"setup": "anew"} for i in kept]
+    if changed is not None:
+        part[changed]["measured_um"] = 9.0
+    answer = await client.post(PATH, json=verification(*part, label="part"))
+    (warning,) = answer.json()["warnings"]
+    assert warning.startswith(f"verification 'night shift' (number 1) has {shared}")
+
+
+@pytest.mark.parametrize("honest", ["other values", "other times", "one in common"])
+async def test_a_repeat_of_a_measurement_is_not_asked_about(client, honest):
+    rows = [observation(minutes=i - 60, position_mm=50.0 * i, measured_um=i) for i in range(6)]
+    await client.post(PATH, json=verification(*rows))
+    again = {
+        "other values": [one | {"measured_um": one["measured_um"] + 0.1} for one in rows],
+        "other times": [
+            one | {"time": iso(START - timedelta(minutes=58.5 - i))} for i, one in enumerate(rows)
+        ],
+        "one in common": [rows[-1], observation(minutes=-20, measured_um=3.0)],
+    }[honest]
+    answer = await client.post(PATH, json=verification(*again, label="again"))
     assert answer.json()["warnings"] == []
 
 
@@ -100,8 +138,8 @@ async def test_observations_without_a_set_up_beside_others_with_one_are_said(cli
     answer = await client.post(PATH, json=verification(named, *below))
     (warning,) = answer.json()["warnings"]
     assert warning.startswith("2 observations name no set-up beside others that do")
-    all_named = [named, *(one | {"setup": "morning"} for one in below)]
-    for label, alike in {"none": [first, *below], "all": all_named}.items():
+    for value, label, setup in ((5.0, "none", {}), (6.0, "all", {"setup": "morning"})):
+        alike = [one | setup | {"measured_um": value} for one in (first, *below)]
         answer = await client.post(PATH, json=verification(*alike, label=label))
         assert answer.json()["warnings"] == []
 
