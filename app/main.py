@@ -59,6 +59,7 @@ from app.services.access_keys import KeyRing
 from app.services.context import Context, QueueLimits
 from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
+from app.services.judge_verifications import LateJudge
 from app.services.keep_readings import ReadingKeeper
 from app.services.machines import check_readiness
 from app.services.run_analyses import make_runner
@@ -134,6 +135,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     )
     runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
+    judge = LateJudge(context)
     keeper = ReadingKeeper(
         context, settings.keep_readings, settings.thin_readings_after, settings.thin_readings_to_s
     )
@@ -144,6 +146,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         follower.start()
         runner.start()
         alarms.start()
+        judge.start()
         keeper.start()
         try:
             async with (
@@ -157,7 +160,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         finally:
             # Together: where the database hangs, each takes as long as it may.
             await asyncio.gather(
-                run_in_threadpool(keeper.stop, STOP_S), run_in_threadpool(alarms.stop, STOP_S)
+                run_in_threadpool(keeper.stop, STOP_S),
+                run_in_threadpool(judge.stop, STOP_S),
+                run_in_threadpool(alarms.stop, STOP_S),
             )
             await run_in_threadpool(runner.stop, STOP_S)
             await run_in_threadpool(follower.stop, STOP_S)

@@ -975,7 +975,11 @@ class JudgedVerification(Shape):
 
 
 class JudgementAnswer(Shape):
-    """What a verification says of the model that was active when it came."""
+    """
+    What a verification says of the model that was active when it was judged.
+
+    That is when it came; or, where it had no readings then, once these are there.
+    """
 
     model_version: int | None
     """That version; null where there was none"""
@@ -1002,6 +1006,9 @@ class JudgementAnswer(Shape):
 
     visits: int
     """Number of visits in the verification that were looked at"""
+
+    awaits_readings: bool
+    """Whether it was stored before its readings, and is judged once they are there"""
 
 
 class LargestValue(Shape):
@@ -2054,7 +2061,7 @@ class VerificationAnswer(Shape):
     """What was observed: component codes, and `points`"""
 
     judgement: JudgementAnswer | None
-    """What it said of the active model when it came"""
+    """What it said of the active model when it came, or once its readings had"""
 
 
 class VisitMeans(Shape):

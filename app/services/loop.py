@@ -12,6 +12,7 @@ from app.errors import Conflict, InvalidContent, ThermapError
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.residual_report import Size
 from app.services.context import Context
+from app.services.judge_verifications import judge_before_showing
 from app.services.residuals import compare_models, show_residuals
 from app.storage.analyses import find_analysis, list_analyses, stored_analysis
 from app.storage.analysis_results import RESULTS
@@ -69,6 +70,7 @@ def show_loop(context: Context, machine_id: str, analysis_id: int | None = None)
     UnknownThing
         If there is no such machine or analysis.
     """
+    judge_before_showing(context, machine_id)
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         analyses = list_analyses(session, machine_id)

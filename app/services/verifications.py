@@ -1,4 +1,4 @@
-"""Verifications: store them, judged on arrival, show and delete them, and the watch they keep."""
+"""Verifications: store them, judged as soon as they can be, show and delete them, and the watch."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from sqlalchemy.orm import Session
 
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.observations import Observation, Verification
-from app.errors import Conflict, InvalidContent, StorageUnavailable, counted, list_names
+from app.errors import Conflict, InvalidContent, counted, list_names
 from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
-from app.identification.residuals.residuals import WrongUnit
-from app.identification.watch.watching import Judgement, WatchState, not_judged, watch
+from app.identification.watch.watching import WatchState, watch
 from app.services.change_model import choose_version, no_model_yet
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
+from app.services.judge_verifications import (
+    judge_awaiting,
+    judge_before_showing,
+    judge_verification,
+)
 from app.services.load_machine import adopted_effects, compile_version
 from app.services.note_watch import noting_watch
 from app.services.residuals import load_campaign, read_verifications
@@ -36,7 +40,7 @@ from app.storage.verifications import (
     shared_observations,
     stored_verification,
 )
-from app.storage.watches import StoredWatch, find_watch, write_watch
+from app.storage.watches import find_watch, write_watch
 from app.thermal.machine import Machine
 from app.units import iso_time
 
@@ -46,68 +50,6 @@ log = logging.getLogger("thermap")
 FEWEST_SHARED: Final = 2
 """Observations that two verifications have in common before anybody is asked: files of a log may
 overlap by one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A judgement, and what it rests on: which version, and the watch before and after it."""
-
-    model_version: int | None
-    answer: Judgement
-    before: StoredWatch | None = None
-    after: WatchState | None = None
-
-    def still_holds(self, session: Session, machine_id: str) -> bool:
-        """Whether version and watch are still those that it rests on; the machine is locked."""
-        if find_machine(session, machine_id).active_version != self.model_version:
-            return False
-        if self.model_version is None:
-            return True
-        return find_watch(session, machine_id, self.model_version) == self.before
-
-    def write(self, context: Context, session: Session, machine_id: str) -> None:
-        """Carry the watch on; the machine is locked."""
-        if self.model_version is not None and self.after is not None:
-            now = context.now()
-            with noting_watch(session, find_machine(session, machine_id), now):
-                write_watch(session, machine_id, self.model_version, self.after, now)
-
-
-def judge_verification(context: Context, machine_id: str, verification: Verification) -> Judged:
-    """Hold a verification against the active model, without storing anything.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    InvalidContent
-        If its values are evidently in another unit. What cannot be judged for another reason
-        is no error: the judgement says so.
-    """
-    with context.database.reading() as session:
-        row = find_machine(session, machine_id)
-        version = active_version(session, row)
-        if version is None:
-            return Judged(None, not_judged(None, "the machine has no model yet"))
-        number = version.version
-        before = find_watch(session, machine_id, number)
-        try:
-            state = WatchState() if before is None else before.state
-            machine = stored_machine(row).machine
-            campaign = load_campaign(
-                session, machine, version, [verification], context.usable_until()
-            )
-            judgement, after = watch(campaign, state, number)
-        except (WrongUnit, StorageUnavailable):
-            raise
-        except InvalidContent as error:
-            return Judged(number, not_judged(number, error.detail), before)
-        except Exception as error:
-            # What was measured must not be lost because it could not be judged.
-            log.exception("verification %r could not be judged", verification.label)
-            reason = f"unexpected error: {type(error).__name__}"
-            return Judged(number, not_judged(number, reason), before)
-    return Judged(number, judgement, before, after)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +82,7 @@ def store_verification(
     known = check_verification(context, machine_id, verification)
     if known is not None:
         return VerificationStoredOnce(known, False)
+    judge_awaiting(context, machine_id)  # what was stored before is judged before
     while True:
         judged = judge_verification(context, machine_id, verification)
         with context.database.writing() as session:
@@ -341,6 +284,7 @@ def _places(o: Observation) -> dict[str, float]:
 
 def show_verifications(context: Context, machine_id: str) -> list[StoredVerification]:
     """List a machine's verifications, oldest first."""
+    judge_before_showing(context, machine_id)
     with context.database.reading() as session:
         find_machine(session, machine_id)
         return list_verifications(session, machine_id)
@@ -350,6 +294,7 @@ def show_verification(
     context: Context, machine_id: str, verification_id: int
 ) -> tuple[StoredVerification, Verification]:
     """Read one verification with its observations; UnknownThing if there is none."""
+    judge_before_showing(context, machine_id)
     with context.database.reading() as session:
         find_machine(session, machine_id)
         row = find_verification(session, machine_id, verification_id, observations=True)
@@ -401,8 +346,9 @@ def _watched(session: Session, machine_id: str, version_number: int, until: date
 
 
 def _judged_by(verification: StoredVerification) -> int | None:
-    """Say which version has judged a verification; None where none could."""
-    return None if verification.judgement is None else verification.judgement.model_version
+    """Say which version has judged a verification; None where none could, or has yet."""
+    judgement = verification.judgement
+    return None if judgement is None or judgement.awaits_readings else judgement.model_version
 
 
 @dataclass(frozen=True, slots=True)
@@ -434,6 +380,7 @@ def show_watch(context: Context, machine_id: str) -> Watch:
     Conflict
         If it has no model yet.
     """
+    judge_before_showing(context, machine_id)
     with context.database.reading() as session:
         version = find_machine(session, machine_id).active_version
         if version is None:

@@ -43,7 +43,8 @@ def insert_verification(
 ) -> StoredVerification:
     """Add a verification and give it its number."""
     row = _row(machine_id, verification)
-    row.judgement = None if judgement is None else JUDGEMENTS.fields(judgement)
+    if judgement is not None:
+        write_judgement(row, judgement)
     row.stored_at = now
     session.add(row)
     session.flush()
@@ -84,6 +85,28 @@ def list_verifications(session: Session, machine_id: str) -> list[StoredVerifica
         .order_by(VerificationRow.id)
     )
     return [stored_verification(row) for row in session.scalars(query)]
+
+
+def awaiting_readings(
+    session: Session, machine_id: str | None = None
+) -> list[tuple[str, StoredVerification]]:
+    """List the verifications that wait for readings to be judged, with their machines.
+
+    Parameters
+    ----------
+    machine_id
+        Whose; None for those of all machines.
+    """
+    query = select(VerificationRow).where(VerificationRow.judgement["awaits_readings"].as_boolean())
+    if machine_id is not None:
+        query = query.where(VerificationRow.machine_id == machine_id)
+    rows = session.scalars(query.order_by(VerificationRow.id))
+    return [(row.machine_id, stored_verification(row)) for row in rows]
+
+
+def write_judgement(row: VerificationRow, judgement: Judgement) -> None:
+    """Store what was said of a verification; its machine is locked."""
+    row.judgement = JUDGEMENTS.fields(judgement)
 
 
 def first_observation(session: Session, machine_id: str) -> datetime | None:

@@ -108,13 +108,89 @@ async def test_what_cannot_be_judged_is_stored_all_the_same(room, client):
     early = visit(-600)
     judgement = await judged(room, early)
     assert judgement["status"] == "not-judged"
-    assert "once that is mended, delete this one and store it again" in judgement["summary"]
+    assert judgement["awaits_readings"] is True
+    assert "as soon as there are readings up to its last observation" in judgement["summary"]
     assert "before the first reading" in judgement["summary"]
     watch = (await room.get(f"{ROOM}/watch")).json()
     assert (watch["status"], watch["verifications"][0]["status"]) == (
         "no-verification",
         "not-judged",
     )
+
+
+def readings_of(number, minutes):
+    """Readings around a visit, as many minutes of them."""
+    begin = BEGIN + timedelta(minutes=number)
+    return [reading(begin + timedelta(minutes=m), T_C) for m in minutes]
+
+
+async def late(client, path):
+    """Ask in one of the ways in which a judgement is seen."""
+    answer = await client.get(path)
+    assert answer.status_code == 200
+    return (await client.get(PATH)).json()[-1]["judgement"]
+
+
+@pytest.mark.parametrize("path", [PATH, f"{PATH}/2", f"{ROOM}/watch", "/machines/mcfv5050/loop"])
+async def test_what_was_stored_before_its_readings_is_judged_once_they_are_there(room, path):
+    """As it would have been after them: the watch goes on with it, once, and the log says so."""
+    await judged(room, visit(0))
+    early = await judged(room, visit(-300, shift_um=20.0))
+    assert (early["status"], early["awaits_readings"]) == ("not-judged", True)
+    assert (await late(room, path)) == early
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))
+    now = await late(room, path)
+    assert (now["status"], now["awaits_readings"], now["visits"]) == ("beyond", False, 1)
+    watch = (await room.get(f"{ROOM}/watch")).json()
+    assert watch["status"] == "beyond"
+    assert [v["status"] for v in watch["verifications"]] == ["within", "beyond"]
+    assert (await late(room, path)) == now
+    events = (await room.get(f"{ROOM}/events")).json()
+    said = [one["text"] for one in events["events"] if "readings that came after" in one["text"]]
+    assert said == ["verification 'visit -300' judged with readings that came after it"]
+
+
+async def test_readings_that_come_in_pieces_are_waited_for(room):
+    early = visit(-300)
+    early["observations"][-1]["time"] = iso(BEGIN - timedelta(minutes=285))
+    await judged(room, early)
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))
+    assert (await late(room, PATH))["awaits_readings"] is True
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(3, 16)))
+    assert (await late(room, PATH))["visits"] == 1
+
+
+async def test_a_judgement_that_was_made_stays_whatever_readings_come_later(room):
+    known = await judged(room, visit(0))
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(20)))
+    assert (await late(room, PATH)) == known
+
+
+async def test_what_waits_is_judged_before_what_is_stored_after_it(room):
+    await judged(room, visit(-300, shift_um=20.0))
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))
+    await judged(room, visit(1, shift_um=20.0))
+    first, second = (await room.get(PATH)).json()
+    assert first["judgement"]["evidence"] < second["judgement"]["evidence"]
+
+
+async def test_a_verification_that_waits_is_in_no_watch_when_another_is_deleted(room):
+    await judged(room, visit(0))
+    await judged(room, visit(-300, shift_um=20.0))
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))
+    await room.delete(f"{PATH}/1")
+    judgement = await late(room, PATH)
+    assert (judgement["awaits_readings"], judgement["visits"]) == (False, 1)
+    steps = [one["evidence"] for one in (await room.get(f"{ROOM}/watch")).json()["verifications"]]
+    assert steps == [judgement["evidence"]]
+
+
+async def test_values_in_another_unit_are_said_where_they_come_to_light_later(room):
+    await judged(room, visit(-300, scale=0.001))
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))
+    judgement = await late(room, PATH)
+    assert (judgement["status"], judgement["awaits_readings"]) == ("not-judged", False)
+    assert "meant in mm" in judgement["summary"]
 
 
 async def test_a_state_that_a_newer_version_wrote_loses_no_verification(room, app):

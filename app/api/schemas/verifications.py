@@ -221,7 +221,9 @@ class VerificationAnswer(VerificationHead):
     components: list[str] = Field(
         description="What was observed: component codes, and `points`", examples=[["EXX", "points"]]
     )
-    judgement: Judgement | None = Field(description="What it said of the active model when it came")
+    judgement: Judgement | None = Field(
+        description="What it said of the active model when it came, or once its readings had"
+    )
 
     @classmethod
     def of(cls, stored: StoredVerification) -> Self:

@@ -62,6 +62,10 @@ class WrongUnit(InvalidContent):
     """Measured values that are evidently in another unit than stated."""
 
 
+class NoReadingsThen(InvalidContent):
+    """Nothing can be compared, and some for want of readings of its time, which may yet come."""
+
+
 @dataclass(frozen=True, slots=True)
 class LeftOut(Answer, published_as="ExcludedAnswer"):
     """Values that took no part, with the reason."""
@@ -169,7 +173,8 @@ def compute_residuals(
     )
     if not kept.any():
         counts = ", ".join(f"{e.reason}: {e.count}" for e in left_out)
-        raise InvalidContent.of_field(
+        lacks_readings = not {NONE_NEAR, BEFORE_THE_FIRST}.isdisjoint(reasons)
+        raise (NoReadingsThen if lacks_readings else InvalidContent).of_field(
             "observations",
             f"expected some that can be compared with the model, got none ({counts})",
         )

@@ -223,7 +223,10 @@ class WatchState:
 
 @dataclass(frozen=True, slots=True)
 class Judgement(Answer, published_as="JudgementAnswer"):
-    """What a verification says of the model that was active when it came."""
+    """What a verification says of the model that was active when it was judged.
+
+    That is when it came; or, where it had no readings then, once these are there.
+    """
 
     model_version: int | None
     """That version; null where there was none"""
@@ -250,8 +253,13 @@ class Judgement(Answer, published_as="JudgementAnswer"):
     visits: int
     """Number of visits in the verification that were looked at"""
 
+    awaits_readings: bool = False
+    """Whether it was stored before its readings, and is judged once they are there"""
 
-def not_judged(model_version: int | None, reason: str) -> Judgement:
+
+def not_judged(
+    model_version: int | None, reason: str, *, awaits_readings: bool = False
+) -> Judgement:
     """Say why a verification was not judged.
 
     Parameters
@@ -260,7 +268,17 @@ def not_judged(model_version: int | None, reason: str) -> Judgement:
         The active version; None where there was none.
     reason
         Part of a sentence.
+    awaits_readings
+        Whether it is judged once there are readings of its time.
     """
+    if awaits_readings:
+        summary = (
+            f"It is not judged yet: {reason}. It will be, against the model that is active then, "
+            "as soon as there are readings up to its last observation. Analyses do without a "
+            "judgement."
+        )
+        nothing = (None, None, None)
+        return Judgement(model_version, "not-judged", *nothing, summary, (), 0, awaits_readings)
     summary = (
         f"It could not be judged: {reason}. A judgement is made when a verification is stored: "
         "once that is mended, delete this one and store it again. Analyses do without a judgement."
