@@ -14,6 +14,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, rms
 from app.thermal.error_map import ComponentTable, ErrorMap
+from app.units import MM_PER_M, Unit
 
 CLEARLY: Final = 3.0
 """So many times further off is a map as it is than with the opposite sign."""
@@ -21,6 +22,17 @@ CLEARLY: Final = 3.0
 LEAST: Final = 2.0
 """What the other maps foretell is at least so large (root mean square, in the component's unit):
 less may be noise."""
+
+
+GROWTH_PER_K: Final = 30.0
+"""No part of a machine grows or tilts by more [µm/m, µrad or µm/m, in one kelvin]: aluminium grows
+by 24 µm/m."""
+
+SHIFT_PER_K: Final = 5.0
+"""Nor does the zero of a length shift by more [µm/K]."""
+
+UNSURE_K: Final = 1.0
+"""So much further from each other two maps may have been than their sensors say [K]."""
 
 
 def reversed_components(
@@ -33,6 +45,10 @@ def reversed_components(
     away than these two are from each other: an expansion that passes through zero is foretold
     by this line, so that its change of sign is no mistake.
 
+    Where there are no such two, the nearest one alone does not foretell how errors change with
+    temperature. Then only what no change of temperature explains is a mistake: a large error of
+    nearly the same temperature.
+
     Parameters
     ----------
     assignment
@@ -40,50 +56,79 @@ def reversed_components(
     """
     found = []
     for code, table in error_map.tables.items():
-        foretold = _foretold(error_map, table, others, assignment.get(code))
+        sensor = assignment.get(code)
+        if sensor is None or sensor not in error_map.temperatures_c:
+            continue
+        having = [o for o in others if code in o.tables and sensor in o.temperatures_c]
+        known = sorted(having, key=lambda one: one.temperatures_c[sensor])
+        t_c = error_map.temperatures_c[sensor]
+        foretold = _along_line(table, known, sensor, t_c)
+        least = 0.0
+        if foretold is None and known:
+            nearest = min(known, key=lambda one: abs(one.temperatures_c[sensor] - t_c))
+            foretold = _as_at(table, nearest)
+            least = _most_change(table, _apart_k(error_map, nearest))
         if foretold is None:
             continue
         errors, expected = foretold
-        if rms(expected) >= LEAST and rms(errors - expected) > CLEARLY * rms(errors + expected):
+        off = rms(errors - expected)
+        if rms(expected) >= LEAST and off > max(CLEARLY * rms(errors + expected), least):
             found.append(code)
     return found
 
 
-def _foretold(
-    error_map: ErrorMap, table: ComponentTable, others: Sequence[ErrorMap], sensor: str | None
+def _along_line(
+    table: ComponentTable, known: Sequence[ErrorMap], sensor: str, t_c: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Give a component's errors, and what two other maps say of the same places; None if none."""
-    code = table.component.code
-    if sensor is None or sensor not in error_map.temperatures_c:
-        return None
-    known = sorted(
-        (
-            (other.temperatures_c[sensor], other.tables[code])
-            for other in others
-            if code in other.tables and sensor in other.temperatures_c
-        ),
-        key=lambda one: one[0],
-    )
     if len(known) < 2:
         return None
-    t_c = error_map.temperatures_c[sensor]
-    above = int(np.searchsorted([t for t, _ in known], t_c))
-    upper = min(max(above, 1), len(known) - 1)
-    (low_c, low), (high_c, high) = known[upper - 1], known[upper]
+    code = table.component.code
+    temperatures_c = [one.temperatures_c[sensor] for one in known]
+    upper = min(max(int(np.searchsorted(temperatures_c, t_c)), 1), len(known) - 1)
+    low_c, high_c = temperatures_c[upper - 1], temperatures_c[upper]
+    low, high = known[upper - 1].tables[code], known[upper].tables[code]
     span = high_c - low_c
     if span == 0 or not low_c - span <= t_c <= high_c + span:
         return None
     share = (t_c - low_c) / span
+    return _foretold(table, [(1 - share, low), (share, high)])
+
+
+def _as_at(table: ComponentTable, other: ErrorMap) -> tuple[FloatArray, FloatArray] | None:
+    """Give a component's errors, and what one other map says of the same places; None if none."""
+    return _foretold(table, [(1.0, other.tables[table.component.code])])
+
+
+def _foretold(
+    table: ComponentTable, weighted: Sequence[tuple[float, ComponentTable]]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Give a component's errors, and the weighted sum of others at the same places."""
     if not table.component.is_table:
-        expected = (1 - share) * low.errors + share * high.errors
-        return table.errors, expected
-    inside = _inside(table, low) & _inside(table, high)
+        return table.errors, sum((w * one.errors for w, one in weighted), np.zeros(1))
+    inside = np.logical_and.reduce([_inside(table, one) for _, one in weighted])
     if not inside.any():
         return None
-    at_low, at_high = (
-        np.interp(table.positions_mm[inside], one.positions_mm, one.errors) for one in (low, high)
+    at_places = table.positions_mm[inside]
+    expected = sum(
+        (w * np.interp(at_places, one.positions_mm, one.errors) for w, one in weighted),
+        np.zeros(at_places.shape),
     )
-    return table.errors[inside], (1 - share) * at_low + share * at_high
+    return table.errors[inside], expected
+
+
+def _apart_k(one: ErrorMap, other: ErrorMap) -> float:
+    """Say by how much two maps' temperatures differ, of whichever sensor the most [K]."""
+    common = one.temperatures_c.keys() & other.temperatures_c.keys()
+    return max(abs(one.temperatures_c[s] - other.temperatures_c[s]) for s in common) + UNSURE_K
+
+
+def _most_change(table: ComponentTable, apart_k: float) -> float:
+    """Say by how much a difference of temperature may change a component at most [its unit]."""
+    if table.component.unit is not Unit.UM:
+        return GROWTH_PER_K * apart_k
+    reach_m = float(np.ptp(table.positions_mm)) / MM_PER_M if table.component.is_table else 0.0
+    return (GROWTH_PER_K * reach_m + SHIFT_PER_K) * apart_k
 
 
 def _inside(table: ComponentTable, other: ComponentTable) -> BoolArray:

@@ -46,6 +46,18 @@ def test_an_expansion_that_passes_through_zero_is_no_mistake(t_c):
     assert found(t_c, 17.0, 19.0) == []
 
 
+@pytest.mark.parametrize("others_c", [[30.0], [29.7, 21.0], [31.0, 31.2]])
+def test_one_map_of_nearly_the_same_temperature_shows_a_large_error_that_is_reversed(others_c):
+    """EXX is 58 µm at 500 mm: half a kelvin, or one and a half, does not turn it round."""
+    assert found(30.5, *others_c, EXX=-1.0, EYX=-1.0)[:1] == ["EXX"]
+    assert found(30.5, *others_c) == []
+
+
+@pytest.mark.parametrize(("t_c", "other_c"), [(15.0, 25.0), (18.0, 22.0), (19.5, 20.5)])
+def test_with_one_other_map_a_change_of_sign_that_temperature_explains_is_no_mistake(t_c, other_c):
+    assert found(t_c, other_c) == []
+
+
 def test_what_nobody_can_know():
     """One other map, others that are far away, and a component that is as good as zero."""
     assert found(23.0, 18.0, EXX=-1.0) == []
