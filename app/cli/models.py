@@ -34,6 +34,8 @@ from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from thermap.answers import (
         AdoptedEffectAnswer,
         ChangeThenAnswer,
@@ -53,6 +55,9 @@ VersionArgument = Annotated[int, typer.Argument(metavar="VERSION", help="The ver
 
 MOST_CHANGES: Final = 4
 """Components whose change is named; the others change by less."""
+
+MOST_SENSORS: Final = 4
+"""Sensors whose temperature is named beside a change."""
 
 
 @models.callback()
@@ -252,8 +257,10 @@ def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
         yield f"would change the errors at the latest reading: {named}"
     if preview.recorded.changes:
         of = counted(preview.recorded.count, "recorded reading")
-        named = list_names(map(_change_then_text, preview.recorded.changes), MOST_CHANGES)
-        yield f"would have changed the errors at the worst of {of} by more: {named}"
+        named = "; ".join(_changes_then(preview.recorded.changes[:MOST_CHANGES]))
+        left = len(preview.recorded.changes) - MOST_CHANGES
+        more = f"; and {left} more by less" if left > 0 else ""
+        yield f"would have changed the errors at the worst of {of} by more: {named}{more}"
 
 
 def difference_lines(change: ModelChange) -> Iterator[str]:
@@ -323,9 +330,15 @@ def _names(codes: Sequence[str]) -> str:
     return list_names(codes, 30)
 
 
-def _change_then_text(one: ChangeThenAnswer) -> str:
-    at = list_names((f"{name} {value:g} °C" for name, value in one.temperatures_c.items()), 3)
-    return f"{_change_text(one)} ({when(one.time)} UTC: {at})"
+def _changes_then(changes: Iterable[ChangeThenAnswer]) -> Iterator[str]:
+    """Write recorded changes, those of one moment together."""
+    of_moments: dict[datetime, list[ChangeThenAnswer]] = {}
+    for change in changes:
+        of_moments.setdefault(change.time, []).append(change)
+    for time, then in of_moments.items():
+        sensors = then[0].temperatures_c.items()
+        at = list_names((f"{name} {value:.1f} °C" for name, value in sensors), MOST_SENSORS)
+        yield f"{list_names(map(_change_text, then))} ({when(time)} UTC: {at})"
 
 
 def _change_text(change: ComponentChangeAnswer) -> str:

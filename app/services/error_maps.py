@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -292,11 +292,7 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
         )
         if stated is not None and (said := impossible_error(table.component, stated))
     ]
-    errors += [
-        FieldError(f"components.{i}.positions_mm", meant)
-        for i, table in enumerate(error_map.tables.values())
-        if (meant := _in_another_unit(machine, table))
-    ]
+    errors += _in_another_unit(machine, list(error_map.tables.values()))
     axes = {*machine.chain.axes, None}
     errors += [
         FieldError("components", f"{code} is an error of an axis that {machine.chain.text} lacks")
@@ -312,20 +308,25 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
 
 
-def _in_another_unit(machine: Machine, table: ComponentTable) -> str | None:
-    """Say that positions were evidently meant in another unit; None where they may be in mm."""
-    travel = machine.axes.get(table.component.axis or "")
-    if travel is None or not table.component.is_table:
-        return None
-    unit = travel.unit_meant(table.positions_mm.tolist())
-    if unit is None:
-        return None
-    first, last = table.positions_mm[0], table.positions_mm[-1]
-    return (
-        f"expected positions of {table.component.code} in mm, on an axis of {travel.min_mm:g} to "
-        f"{travel.max_mm:g} mm, got {first:g} to {last:g} mm: were they meant in {unit}, or is the "
-        "machine's travel stated in another unit?"
-    )
+def _in_another_unit(machine: Machine, tables: Sequence[ComponentTable]) -> Iterator[FieldError]:
+    """Name positions that were evidently meant in another unit, once for each axis."""
+    for axis, travel in machine.axes.items():
+        units = {
+            i: unit
+            for i, table in enumerate(tables)
+            if table.component.is_table and table.component.axis == axis
+            if (unit := travel.unit_meant(table.positions_mm.tolist())) is not None
+        }
+        for unit in sorted(set(units.values())):
+            numbers = [i for i, one in units.items() if one == unit]
+            places = np.concatenate([tables[i].positions_mm for i in numbers])
+            codes = list_names(tables[i].component.code for i in numbers)
+            yield FieldError(
+                f"components.{numbers[0]}.positions_mm",
+                f"expected positions of {codes} in mm, on an axis of {travel.min_mm:g} to "
+                f"{travel.max_mm:g} mm, got {places.min():g} to {places.max():g} mm: were they "
+                f"meant in {unit}, or is the travel of {axis} stated in another unit?",
+            )
 
 
 @repeated

@@ -22,7 +22,10 @@ from app.storage.readings import newest_readings, newest_time, oldest_time
 from app.thermal.machine import Machine
 
 LOOKED_AT: Final = 150
-"""Moments from the first reading to the last, evenly in time, among which some are chosen."""
+"""Moments from the last reading back to the first, evenly in time, among which some are chosen."""
+
+MOMENT: Final = timedelta(microseconds=1)
+"""So much before a reading lies the next one at least."""
 
 COMPARED: Final = 24
 """So many of them, as far apart in temperature as can be: each costs two tables."""
@@ -114,20 +117,18 @@ def recorded_changes(
 def _moments(
     session: Session, machine_id: str, machine: Machine, until: datetime
 ) -> Iterator[_Moment]:
-    """Read what was recorded at moments from the first reading to the last, each once."""
+    """Read what was recorded at moments from the last reading back to the first, each once."""
     first, last = oldest_time(session, machine_id), newest_time(session, machine_id, until)
     if first is None or last is None or last < first:
         return
-    step = (last - first) / (LOOKED_AT - 1)
-    seen = None
-    for i in range(LOOKED_AT):
-        at = last - i * step
-        if seen is not None and at >= seen:
-            continue  # nothing was recorded between
+    at = last
+    for left in range(LOOKED_AT, 0, -1):
         readings = newest_readings(session, machine_id, at, AROUND)
         if not readings:
             return
-        seen = time = readings[-1].time
+        time = readings[-1].time
+        # What is left is divided anew each time: a gap in the record takes one moment only.
+        at = time - max((time - first) / left, MOMENT)
         temperatures_c = {
             name: value
             for reading in readings

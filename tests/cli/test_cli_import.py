@@ -265,8 +265,9 @@ def test_a_preview_says_what_would_have_changed_by_more_before(thermap, client, 
     client.store_readings("mcfv5050", reading(START - timedelta(hours=1), 40.0))
     client.store_readings("mcfv5050", reading(START, 24.0))
     found = thermap("import", write("run-7.csv", CSV), "-m", "mcfv5050", "--preview")
-    said = "at the worst of 2 recorded readings by more: EZZ by +40.00 µm at 500 mm (2026-03-01 "
-    assert said + "05:00 UTC: x-middle 40 °C, " in found.stdout
+    said = "of 2 recorded readings by more: EZZ by +40.00 µm at 500 mm, EXX by +20.00 µm at 500 mm "
+    said += "(2026-03-01 "
+    assert said + "05:00 UTC: x-middle 40.0 °C, " in found.stdout
 
 
 def test_maps_of_a_machine_whose_sensors_nobody_assigned_are_told_of_once(thermap, write):
