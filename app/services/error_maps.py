@@ -23,6 +23,7 @@ from app.services.change_model import (
 )
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
 from app.services.models import Preview, preview_draft, preview_latest, preview_unchanged
+from app.services.recorded_change import temperatures_then
 from app.storage.error_maps import (
     find_error_map,
     find_error_map_by_label,
@@ -36,6 +37,7 @@ from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error
 from app.thermal.machine import Machine
 from app.thermal.reversed_signs import reversed_components
 from app.thermal.sensor_health import Health, check_temperatures
+from app.thermal.stated_temperatures import doubted_temperatures
 from app.units import TemperatureUnit, Unit
 
 SHORT_SHARE_OF_TRAVEL = 0.1
@@ -169,6 +171,10 @@ def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     found = [
         *_doubted_units(error_map),
         *_doubted_signs(change.latest, error_map),
+        *doubted_temperatures(
+            error_map.temperatures_c,
+            temperatures_then(change.session, machine, error_map.measured_at),
+        ),
         *table_remarks(machine, error_map.tables.values()),
     ]
     for sensor in machine.sensors.values():

@@ -141,7 +141,7 @@ def _recorded_changes(
     live = _live_machine(context, change)
     after = _with_other(live.current, model, effects)
     until = context.usable_until()
-    return recorded_changes(change.session, change.row.id, live.current, after, until, now)
+    return recorded_changes(change.session, live.current, after, until, now)
 
 
 def _live_machine(context: Context, change: MachineChange) -> LiveMachine:

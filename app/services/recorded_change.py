@@ -20,6 +20,7 @@ from app.live.registry import LiveModel
 from app.services.live_table import table_at
 from app.storage.readings import newest_readings, newest_time, oldest_time
 from app.thermal.machine import Machine
+from app.thermal.reading import Reading
 
 LOOKED_AT: Final = 150
 """Moments from the last reading back to the first, evenly in time, among which some are chosen."""
@@ -76,7 +77,6 @@ class _Moment:
 
 def recorded_changes(
     session: Session,
-    machine_id: str,
     before: LiveModel,
     after: LiveModel,
     until: datetime,
@@ -91,7 +91,7 @@ def recorded_changes(
     used = sorted({g.sensor for one in (before, after) for g in one.model.groups})
     largest: dict[str, ChangeThen] = {}
     times = []
-    for moment in _spread(list(_moments(session, machine_id, machine, until)), used):
+    for moment in _spread(list(_moments(session, machine, until)), used):
         try:
             tables = [
                 table_at(one, moment.temperatures_c, moment.time, state=moment.state)
@@ -114,29 +114,38 @@ def recorded_changes(
     return RecordedChanges(len(times), min(times), max(times), found)
 
 
-def _moments(
-    session: Session, machine_id: str, machine: Machine, until: datetime
-) -> Iterator[_Moment]:
+def temperatures_then(session: Session, machine: Machine, time: datetime) -> dict[str, float]:
+    """Give what sensors said at a time, as far as their values were not too old [°C]."""
+    return _temperatures(machine, newest_readings(session, machine.id, time, AROUND), time)
+
+
+def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[_Moment]:
     """Read what was recorded at moments from the last reading back to the first, each once."""
-    first, last = oldest_time(session, machine_id), newest_time(session, machine_id, until)
+    first, last = oldest_time(session, machine.id), newest_time(session, machine.id, until)
     if first is None or last is None or last < first:
         return
     at = last
     for left in range(LOOKED_AT, 0, -1):
-        readings = newest_readings(session, machine_id, at, AROUND)
+        readings = newest_readings(session, machine.id, at, AROUND)
         if not readings:
             return
         time = readings[-1].time
+        yield _Moment(time, _temperatures(machine, readings, time), readings[-1].state)
         # What is left is divided anew each time: a gap in the record takes one moment only.
         at = time - max((time - first) / left, MOMENT)
-        temperatures_c = {
-            name: value
-            for reading in readings
-            for name, value in reading.temperatures_c.items()
-            if name in machine.sensors
-            and time - reading.time <= timedelta(seconds=machine.sensor(name).max_age_s)
-        }
-        yield _Moment(time, temperatures_c, readings[-1].state)
+
+
+def _temperatures(
+    machine: Machine, readings: Sequence[Reading], time: datetime
+) -> dict[str, float]:
+    """Put readings together, in order of time: each sensor's last value that is not too old."""
+    return {
+        name: value
+        for reading in readings
+        for name, value in reading.temperatures_c.items()
+        if name in machine.sensors
+        and time - reading.time <= timedelta(seconds=machine.sensor(name).max_age_s)
+    }
 
 
 def _spread(moments: Sequence[_Moment], sensors: Sequence[str]) -> list[_Moment]:

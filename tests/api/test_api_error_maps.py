@@ -1,6 +1,7 @@
 """Error maps over HTTP."""
 
 from copy import deepcopy
+from datetime import timedelta
 
 import pytest
 
@@ -14,6 +15,7 @@ from tests.service_examples import (
     error_map,
     iso,
     problem,
+    reading,
     table,
 )
 
@@ -274,6 +276,22 @@ async def test_positions_in_another_unit_are_refused_with_what_was_expected(
         expected = "expected positions of EXX in mm, on an axis of 0 to 500 mm, "
         assert error["message"].startswith(expected + said)
     assert len((await client.get(PATH)).json()) == len(MAPS)
+
+
+async def test_temperatures_that_were_exchanged_are_asked_about(client):
+    """Where there are readings of the map's time: two columns of a table in the wrong order."""
+    measured_at = START - timedelta(hours=3)
+    await client.post(f"{ROOM}/readings", json=reading(measured_at - timedelta(minutes=1), 40.0))
+    right = error_map("Run #9", 40.0, measured_at=iso(measured_at))
+    asked = {}
+    for x_c, z_c in ((40.0, 42.0), (42.0, 40.0)):
+        stated = right["temperatures_c"] | {"x-middle": x_c, "z-column": z_c}
+        body = right | {"temperatures_c": stated}
+        answer = await client.post(f"{PATH}?preview=true", json=body)
+        asked[x_c] = answer.json()["warnings"]
+    assert asked[40.0] == []
+    (said,) = asked[42.0]
+    assert said.endswith("where it states 42.0 and 40.0 °C: are the two exchanged?")
 
 
 HOT = {"x-middle": 77.0, "y-front": 77.0, "z-column": 78.8}
