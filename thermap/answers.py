@@ -999,7 +999,7 @@ class JudgementAnswer(Shape):
     """Probability that an unchanged machine is ever called changed"""
 
     summary: str
-    """One sentence"""
+    """What it says, in a sentence or two"""
 
     beyond: list[FollowedNumber]
     """What has changed since the model was made, the clearest first"""

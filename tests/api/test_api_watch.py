@@ -185,6 +185,17 @@ async def test_a_verification_that_waits_is_in_no_watch_when_another_is_deleted(
     assert steps == [judgement["evidence"]]
 
 
+async def test_a_value_that_was_mistyped_is_named_where_all_else_agrees(room):
+    """It makes the scatter itself in which it hides from the watch."""
+    body = visit(0)
+    body["observations"][3]["measured_um"] += 90.0
+    summary = (await judged(room, body))["summary"]
+    assert "But one value is 8" in summary
+    assert "EXX at 200 mm of 2026-03-01 05:00:03 UTC, where they scatter by ±" in summary
+    assert summary.endswith("was it misread or mistyped?")
+    assert "mistyped" not in (await judged(room, visit(1)))["summary"]
+
+
 async def test_values_in_another_unit_are_said_where_they_come_to_light_later(room):
     await judged(room, visit(-300, scale=0.001))
     await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 3)))

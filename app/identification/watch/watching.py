@@ -26,6 +26,7 @@ from app.identification.residuals.map_uncertainty import ChannelEntries, channel
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.figures import WatchFigures, latest_residuals
+from app.identification.watch.lone_values import LoneValue, lone_values, lone_words
 from app.identification.watch.setups import PAIRS, Track, believed, learn
 from app.search.rows import Datum, Rows
 
@@ -245,7 +246,7 @@ class Judgement(Answer, published_as="JudgementAnswer"):
     """Probability that an unchanged machine is ever called changed"""
 
     summary: str
-    """One sentence"""
+    """What it says, in a sentence or two"""
 
     beyond: tuple[Followed, ...]
     """What has changed since the model was made, the clearest first"""
@@ -310,19 +311,22 @@ def watch(
     """
     sheet = _Sheet.of(campaign)
     rows, times_s = sheet.rows, sheet.residuals.rows.times_s
-    judged, farthest = False, None
+    judged, farthest, lone = False, None, list[LoneValue]()
     visits = np.unique(rows.visit).tolist()
     for visit in visits:
         here = rows.visit == visit
         for channel in np.unique(rows.channel[here]).tolist():
-            state, taken = _after_channel(state, sheet, visit, channel)
+            state, taken, apart = _after_channel(state, sheet, visit, channel)
+            lone += apart
             judged |= bool(taken)
             farthest = max([*taken, *([farthest] if farthest else [])], key=_farness, default=None)
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
     latest = latest_residuals(sheet.residuals)
     state = replace(state, figures=WatchFigures(state.evidence(), state.most_sigmas(), latest))
-    return _judgement(state, judged, farthest, len(visits), model_version), state
+    judgement = _judgement(state, judged, farthest, len(visits), model_version)
+    said = judgement.summary + lone_words(lone, sheet.residuals.rows)
+    return replace(judgement, summary=said), state
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,17 +383,22 @@ def _farness(number: _Away) -> float:
 
 def _after_channel(
     state: WatchState, sheet: _Sheet, visit: int, channel: int
-) -> tuple[WatchState, list[_Away]]:
-    """Take one channel of one visit; give its numbers too, none where too little is known."""
+) -> tuple[WatchState, list[_Away], list[LoneValue]]:
+    """Take one channel of one visit; give its numbers too, none where too little is known.
+
+    Last come its lone values.
+    """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
     own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
     fit = _Fit.of(rows.values[own], sheet.tilt[own])
     noise = state.noise.get(name, Noise()).plus(fit)
     state = replace(state, noise={**state.noise, name: noise})
     declared = rows.noise.get(channel)
-    variance = noise.variance(declared.repeatability if declared else None)
+    stated = declared.repeatability if declared else None
+    lone = lone_values(own.tolist(), fit.left, stated)
+    variance = noise.variance(stated)
     if variance is None:
-        return state, []
+        return state, [], lone
     is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
     streams, taken = dict(state.streams), []
     for number in fit.numbers(variance, sheet.maps(channel, own), is_zeroed):
@@ -397,7 +406,7 @@ def _after_channel(
         before = streams.get(key, Stream.begin(number.maps))
         streams[key] = before.after(number, float(np.sqrt(variance)))
         taken.append(_Away(name, number.what, number.value, float(np.sqrt(variance + number.maps))))
-    return replace(state, streams=streams), taken
+    return replace(state, streams=streams), taken, lone
 
 
 def _along_travels(residuals: Residuals) -> FloatArray:
@@ -437,6 +446,7 @@ class _Fit:
     names: tuple[str, ...]
     inverse: FloatArray
     values: FloatArray
+    left: FloatArray
     squares: float
     freedom: int
 
@@ -454,6 +464,7 @@ class _Fit:
             tuple(names[j] for j in kept),
             inverse,
             found,
+            left,
             float(np.sum(left**2)),
             len(values) - len(kept),
         )

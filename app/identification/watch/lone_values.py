@@ -1,0 +1,84 @@
+"""Single values of a visit that are far from the others of it, as where one was mistyped.
+
+The watch follows levels and slopes, and a lone value hides in the scatter that it makes itself:
+without being named it would stand behind a sentence that all agrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+from app.effects.observations import POINT_CHANNELS, ObservationRows
+from app.identification.residuals.residuals import channel_unit
+
+LONELY: Final = 12.0
+"""A value so many times further off than others scatter is no scatter, even of heavy tails."""
+
+FEWEST: Final = 8
+"""Of fewer values nobody knows which is the lone one."""
+
+SHARE: Final = 0.1
+"""More than this share of a visit is not lone."""
+
+SD_OF_MEDIAN: Final = 1.4826
+"""Standard deviation over the median of absolute values, of a normal distribution."""
+
+
+class LoneValue(NamedTuple):
+    """A value: its row, how far off it is, and how far others scatter [the component's unit]."""
+
+    row: int
+    off: float
+    scatter: float
+
+
+def lone_values(own: Iterable[int], left: FloatArray, stated: float | None) -> list[LoneValue]:
+    """Find the lone values of one channel in one visit.
+
+    Parameters
+    ----------
+    own
+        Its rows.
+    left
+        What level and slopes leave of them, shape (n,) [the component's unit].
+    stated
+        Standard deviation of one observation, where it is known: others do not scatter by less.
+    """
+    if len(left) < FEWEST:
+        return []
+    off = left - np.median(left)
+    scatter = max(SD_OF_MEDIAN * float(np.median(np.abs(off))), stated or 0.0)
+    if scatter == 0.0:
+        return []
+    found = [
+        LoneValue(row, float(away), scatter)
+        for row, away in zip(own, off, strict=True)
+        if abs(away) > LONELY * scatter
+    ]
+    return found if len(found) <= max(1, SHARE * len(left)) else []
+
+
+def lone_words(found: list[LoneValue], rows: ObservationRows) -> str:
+    """Name the furthest of them, as a sentence with a space before it; empty without any."""
+    if not found:
+        return ""
+    one = max(found, key=lambda value: abs(value.off) / value.scatter)
+    name = rows.channels[int(rows.channel[one.row])]
+    unit = channel_unit(name).symbol
+    point = rows.points_mm[one.row]
+    known = point[~np.isnan(point)]
+    places = f" at {', '.join(f'{x:g}' for x in known)} mm" if known.size else ""
+    if name not in POINT_CHANNELS and known.size != 1:
+        places = ""
+    time = datetime.fromtimestamp(float(rows.times_s[one.row]), UTC)
+    more = f", and so are {len(found) - 1} more" if len(found) > 1 else ""
+    return (
+        f" But one value is {abs(one.off):.2g} {unit} from the others of its visit, {name}{places} "
+        f"of {time:%Y-%m-%d %H:%M:%S} UTC, where they scatter by ±{one.scatter:.2g} {unit}{more}: "
+        "was it misread or mistyped?"
+    )
