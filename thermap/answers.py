@@ -999,7 +999,7 @@ class JudgementAnswer(Shape):
     """Probability that an unchanged machine is ever called changed"""
 
     summary: str
-    """What it says, in a sentence or two"""
+    """In plain sentences"""
 
     beyond: list[FollowedNumber]
     """What has changed since the model was made, the clearest first"""
@@ -1705,7 +1705,9 @@ class SizeAnswer(Shape):
     """Standard deviation of one observation [µm; angular components µrad, squareness µm/m]"""
 
     repeatability_origin: str
-    """`declared`, from `replicates`, or guessed from the `residuals` within visits"""
+    """`declared`, what nearly all lengths have in `common` where they contradict that, from
+    `replicates`, or guessed from the `residuals` within visits
+    """
 
     share_above_repeatability: float | None
     """Share that exceeds it in size; noise alone: 0.32"""
@@ -2133,6 +2135,11 @@ class WatchAnswer(Shape):
     updated_at: AwareDatetime | None
     """When the last verification was judged, UTC"""
 
+    contradiction: str | None
+    """What is said where nearly all lengths contradict the repeatability that is stated, and what
+    that does to the watch; null where they do not
+    """
+
     numbers: list[FollowedNumber]
     """What is followed, strongest evidence first"""
 
@@ -2447,6 +2454,11 @@ class ComparedVersionAnswer(Shape):
 
     components: list[SizeAnswer]
     """Each component in its own unit"""
+
+    contradiction: str | None
+    """What is said of a stated repeatability that nearly all lengths contradict, as in an analysis:
+    the figures rest on what they show; null where nothing is contradicted
+    """
 
 
 class ComponentCompensationAnswer(TableEntry):
@@ -3240,6 +3252,11 @@ class ResidualsAnswer(Shape):
 
     components: list[SizeAnswer]
     """Each component in its own unit"""
+
+    contradiction: str | None
+    """What is said of a stated repeatability that nearly all lengths contradict, as in an analysis:
+    the figures rest on what they show; null where nothing is contradicted
+    """
 
     summaries: list[SummaryAnswer]
     """Components, and lengths along everything that they may depend on"""

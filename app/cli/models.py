@@ -199,12 +199,17 @@ def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
         cells = [f"{size.rms:.2f}" for size in sizes]
         table.add_row(name, *cells, first.unit, str(first.count))
     reasons = [Text(f"version {one.version}: {one.reason}", style="dim") for one in found.versions]
+    denied = [
+        Text(f"! version {one.version}: {one.contradiction}", style="yellow")
+        for one in found.versions
+        if one.contradiction
+    ]
     of = list_names(map(str, found.verifications))
     summary = Text(
         f"{counted(found.values, 'value')} that can be compared with all of them; "
         f"verifications {of}; * is active"
     )
-    return Group(table, Text(), summary, *reasons)
+    return Group(table, Text(), summary, *reasons, *denied)
 
 
 def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:

@@ -177,6 +177,8 @@ def residuals_view(found: ResidualsAnswer) -> RenderableType:
         Text(f"! left out: {counted(one.count, 'value')}, {one.reason}", style="yellow")
         for one in found.excluded
     ]
+    if found.contradiction:
+        left_out.insert(0, Text(f"! {found.contradiction}", style="yellow"))
     if found.counted_as_zero:
         codes = list_names(found.counted_as_zero)
         left_out.append(

@@ -142,16 +142,30 @@ def _own(
     return _Own(number, scale / stated, channel.rows, left, within.alone)
 
 
-def _side(own: Sequence[_Own], margin: float) -> int:
-    """Say whether nearly all channels scatter by more (1) or less (−1) than is stated; else 0."""
-    known = [one for one in own if one.freedom.sum() >= FEWEST_LEFT]
-    if len(known) < FEWEST_CHANNELS:
+def side_of(ratios: FloatArray, freedom: FloatArray, margin: float = DENIED) -> int:
+    """Say whether nearly all channels scatter by more (1) or less (−1) than is stated; else 0.
+
+    Parameters
+    ----------
+    ratios : ndarray, shape (channels,)
+        What each shows by itself, over what is stated.
+    freedom : ndarray, shape (channels,)
+        Its degrees of freedom.
+    margin
+        Times what is stated from which it is contradicted.
+    """
+    known = freedom >= FEWEST_LEFT
+    if known.sum() < FEWEST_CHANNELS:
         return 0
+    return _side_of(ratios[known], freedom[known], margin)
+
+
+def _side(own: Sequence[_Own], margin: float) -> int:
     ratios, freedom = (
         np.array(of_each)
-        for of_each in ([one.ratio for one in known], [one.freedom.sum() for one in known])
+        for of_each in ([one.ratio for one in own], [one.freedom.sum() for one in own])
     )
-    return _side_of(ratios, freedom, margin)
+    return side_of(ratios, freedom, margin)
 
 
 def _side_of(ratios: FloatArray, freedom: FloatArray, margin: float) -> int:

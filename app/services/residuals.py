@@ -17,6 +17,7 @@ from app.effects.projection import Projection
 from app.errors import InvalidContent, expect_each_once
 from app.identification.analysis.residual_report import ResidualReport, residual_report
 from app.identification.campaign import Campaign, residuals_of
+from app.identification.observed_scatter import observed_scatter
 from app.identification.residuals.residuals import Residuals
 from app.services.change_model import choose_version
 from app.services.context import Context
@@ -157,7 +158,8 @@ def show_residuals(
         verifications = read_verifications(session, machine_id, chosen)
         until = context.usable_until()
         campaign = load_campaign(session, machine, stored, verifications, until)
-    report = residual_report(residuals_of_version(stored.version, campaign))
+    residuals = residuals_of_version(stored.version, campaign)
+    report = residual_report(residuals, observed_scatter(campaign, residuals))
     return ShownResiduals(stored.version, chosen, verifications, report)
 
 
@@ -222,9 +224,9 @@ def compare_models(
             version.version,
             version.reason,
             version.version == active.version,
-            residual_report(_restricted(own, common)),
+            residual_report(_restricted(own, common), observed_scatter(campaign, own)),
         )
-        for version, own in zip(stored, residuals, strict=True)
+        for version, own, campaign in zip(stored, residuals, campaigns, strict=True)
     ]
 
 

@@ -36,7 +36,13 @@ def _tracked(stream: Fields) -> Fields:
     }
 
 
+def _with_expected_squares(stored: Fields) -> Fields:
+    """Go on from a state that did not know what scatter was stated: nothing contradicts it yet."""
+    noise = {key: one | {"expected": one["squares"]} for key, one in stored["noise"].items()}
+    return stored | {"noise": noise}
+
+
 JUDGEMENTS: Final = StoredShape(Judgement, "a judgement of a verification", [unchanged])
 WATCH_STATES: Final = StoredShape(
-    WatchState, "the state of a watch", [unchanged, _with_correlated_setups]
+    WatchState, "the state of a watch", [unchanged, _with_correlated_setups, _with_expected_squares]
 )

@@ -7,13 +7,16 @@ import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
+from app.identification.analysis.residual_report import residual_report
+from app.identification.campaign import residuals_of
+from app.identification.observed_scatter import observed_scatter
 from app.simulation.undeclared import make_campaign
 
 SAID = "is contradicted: nearly all lengths scatter by"
 
 
-def answer(stated, planted, seed, kinds):
-    """Analyse a campaign that scatters by 1 µm and repeats no place."""
+def campaign_stating(stated, planted=(), seed=9001):
+    """A campaign that scatters by 1 µm and repeats no place."""
     made = make_campaign(seed, planted, 2.0, visits=20)
     bodies = []
     for body in made.verifications:
@@ -24,14 +27,20 @@ def answer(stated, planted, seed, kinds):
         bodies.append(body | {"observations": list(places.values())})
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, bodies)
     verifications = [replace(v, repeatability_um=stated) for v in campaign.verifications]
-    return analyse(replace(campaign, verifications=verifications), kinds=kinds)
+    return replace(campaign, verifications=verifications)
+
+
+def report_of(campaign):
+    residuals = residuals_of(campaign)
+    return residual_report(residuals, observed_scatter(campaign, residuals))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", [1 / 3, 1.0, 3.0])
 def test_a_wrong_number_neither_keeps_an_effect_from_being_adopted_nor_hides_it(stated):
     """Stated three times too small, everything was unexplained, and nothing was adopted."""
-    found = answer(stated, ["step:component"], 9001, ["step"])
+    campaign = campaign_stating(stated, ["step:component"])
+    found = analyse(campaign, kinds=["step"])
     assert found.verdict == "effects-found"
     assert [(one.kind, str(one.status), one.helps) for one in found.effects] == [
         ("step", "confirmed", True)
@@ -44,10 +53,28 @@ def test_a_wrong_number_neither_keeps_an_effect_from_being_adopted_nor_hides_it(
     assert origins == ({"common"} if is_wrong else {"declared"})
     if is_wrong:
         assert f"The stated repeatability of {stated:.2g} µm {SAID}" in found.summary
+    # The residuals of the same verifications say so in the same words.
+    report = report_of(campaign)
+    assert (report.contradiction in found.summary) if is_wrong else report.contradiction is None
+    origins_there = {one.component: one.repeatability_origin for one in report.components}
+    assert origins_there == {one.component: one.noise_origin for one in found.components}
+    assert report.overall.repeatability == pytest.approx(found.noise, rel=0.06)
+
+
+@pytest.mark.parametrize("stated", [1 / 3, 1.0, 3.0])
+def test_residuals_are_held_against_what_lengths_show(stated):
+    """Nearly all of them exceeded a number three times too small, and none one too large."""
+    report = report_of(campaign_stating(stated))
+    assert report.overall.repeatability == pytest.approx(1.0, abs=0.06)
+    assert report.overall.repeatability_origin == ("declared" if stated == 1.0 else "common")
+    assert (report.contradiction is None) == (stated == 1.0)
+    if report.contradiction:
+        assert f"The stated repeatability of {stated:.2g} µm {SAID}" in report.contradiction
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", [1 / 3, 1.0, 3.0])
 def test_what_nobody_knows_is_not_explained_away_as_noise(stated):
-    found = answer(stated, ["chirped-pitch"], 3203, ["periodic"])
+    campaign = campaign_stating(stated, ["chirped-pitch"], 3203)
+    found = analyse(campaign, kinds=["periodic"])
     assert found.verdict == "unexplained"

@@ -21,6 +21,7 @@ from app.identification.analysis.curves import mean_variances, of_one_unit
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
+from app.identification.observed_scatter import observed_scatter
 from app.search.findings import ChannelNoise, Figure, Floor, HeldOut
 from app.search.rows import Nuisance
 from app.simulation.undeclared import make_campaign
@@ -34,6 +35,11 @@ def campaign_with(datum, planted=None, repeatability=None, seed=7, **conditions)
     campaign = campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
     stated = [replace(v, repeatability_um=repeatability) for v in campaign.verifications]
     return replace(campaign, verifications=stated)
+
+
+def report_of(campaign):
+    residuals = residuals_of(campaign)
+    return residual_report(residuals, observed_scatter(campaign, residuals))
 
 
 def answer_of(campaign):
@@ -84,7 +90,7 @@ def test_a_curve_is_of_the_unit_in_which_an_effect_explains_most(noise_urad, kep
 )
 def test_residuals_say_from_where_they_count(datum, zero):
     campaign = campaign_with(datum)
-    report = residual_report(residuals_of(campaign))
+    report = report_of(campaign)
     assert {size.zero for size in (report.overall, *report.components)} == {zero}
     rows = report.residuals.rows
     for visit in np.unique(rows.visit):
@@ -107,7 +113,7 @@ def test_report_and_residuals_page_say_the_same_of_the_same_data(datum):
     """What the search leaves out as a slip would be the only difference: here there is none."""
     campaign = campaign_with(datum, seed=1)
     found = answer_of(campaign)
-    report = residual_report(residuals_of(campaign))
+    report = report_of(campaign)
     assert found["values"] == report.count
     sizes = {size.component: size for size in report.components}
     assert {one["component"] for one in found["components"]} == set(sizes)

@@ -10,6 +10,7 @@ from app.errors import InvalidContent
 from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.watching import (
     LIMIT,
+    Noise,
     Stream,
     VisitNumber,
     WatchState,
@@ -125,6 +126,43 @@ def test_a_machine_as_its_model_says_stays_within(seed):
     assert judgements[-1].limit == pytest.approx(200.0)
     assert "no earlier visits to compare with" in judgements[0].summary
     assert "agrees with its model" in judgements[-1].summary
+
+
+@pytest.mark.parametrize("stated", [1 / 3, 1.0, 3.0])
+def test_what_contradicts_a_stated_repeatability_is_said(stated):
+    """One observation scatters by 1 µm; the limits stay, and nothing is called changed."""
+    _, campaign = verifications_of(6, visits=8, days=2)
+    verifications = [replace(v, repeatability_um=stated) for v in campaign.verifications]
+    judgements = watched(replace(campaign, verifications=verifications))
+    assert {j.status for j in judgements} == {"within"}
+    is_wrong = stated != 1.0
+    said = "The stated repeatability is contradicted"
+    assert (said in judgements[-1].summary) == is_wrong
+    assert judgements[-1].limit == pytest.approx(200.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stated", [1 / 3, 3.0])
+def test_a_wrong_repeatability_raises_no_more_alarms(stated):
+    """Forty machines of twelve numbers, 25 visits of three values each, one degree of freedom."""
+    alarms = 0
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        streams = [Stream.begin(0.09)] * 12
+        constant, squares = 0.3 * random.standard_normal(12), np.zeros(12)
+        for visit in range(25):
+            setups = (0.3, 1.5)[seed % 2] * random.standard_normal(12)
+            values = constant + setups + np.sqrt(1 / 3) * random.standard_normal(12)
+            squares += random.chisquare(1, 12)
+            variances = [Noise(s, visit + 1).variance(stated) for s in squares.tolist()]
+            streams = [
+                one.after(VisitNumber("level", v, variance / 3, 0.09), np.sqrt(variance))
+                for one, v, variance in zip(streams, values.tolist(), variances, strict=True)
+            ]
+            if np.mean([one.process.evidence for one in streams]) >= LIMIT:
+                alarms += 1
+                break
+    assert alarms <= 2
 
 
 def test_a_step_is_noticed_with_its_component():

@@ -100,6 +100,12 @@ def test_the_top_says_whose_residuals_and_how_large():
         assert words in told
 
 
+def test_the_top_says_what_contradicts_a_stated_number():
+    said = "The stated repeatability of 0.3 µm is contradicted."
+    assert said in read(replace(FIGURES, contradiction=said)).told
+    assert "contradicted" not in read().told
+
+
 def test_the_table_has_every_component_with_the_largest_first():
     told = read().told.split("By component")[1].split("What they depend on")[0]
     assert re.findall(r"E[A-Z]{2}", told) == [*reversed(NAMES), "EAX"]

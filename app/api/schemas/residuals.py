@@ -65,6 +65,10 @@ class ResidualsAnswer(Schema):
     verifications: list[int] = Field(description="Numbers of the verifications")
     overall: Size | None = Field(description="All lengths; null where nothing is one")
     components: list[Size] = Field(description="Each component in its own unit")
+    contradiction: str | None = Field(
+        description="What is said of a stated repeatability that nearly all lengths contradict, as "
+        "in an analysis: the figures rest on what they show; null where nothing is contradicted"
+    )
     summaries: list[Summary] = Field(
         description="Components, and lengths along everything that they may depend on"
     )
@@ -111,6 +115,10 @@ class ComparedVersionAnswer(Schema):
     active: bool = Field(description="Whether tables are computed with it now")
     overall: Size | None = Field(description="All lengths; null where nothing is one")
     components: list[Size] = Field(description="Each component in its own unit")
+    contradiction: str | None = Field(
+        description="What is said of a stated repeatability that nearly all lengths contradict, as "
+        "in an analysis: the figures rest on what they show; null where nothing is contradicted"
+    )
 
 
 class ModelComparisonAnswer(Schema):
@@ -139,4 +147,8 @@ class ModelComparisonAnswer(Schema):
 
 
 def _sizes(report: ResidualReport) -> dict[str, Any]:
-    return {"overall": report.overall, "components": list(report.components)}
+    return {
+        "overall": report.overall,
+        "components": list(report.components),
+        "contradiction": report.contradiction,
+    }

@@ -46,6 +46,10 @@ class WatchAnswer(Schema):
         description="Probability that an unchanged machine is ever called changed"
     )
     updated_at: UtcTime | None = Field(description="When the last verification was judged, UTC")
+    contradiction: str | None = Field(
+        description="What is said where nearly all lengths contradict the repeatability that is "
+        "stated, and what that does to the watch; null where they do not"
+    )
     numbers: list[Followed] = Field(description="What is followed, strongest evidence first")
     verifications: list[JudgedVerification] = Field(description="What was judged, oldest first")
 
@@ -62,6 +66,7 @@ class WatchAnswer(Schema):
             limit=LIMIT,
             false_alarm=FALSE_ALARM,
             updated_at=watch.updated_at,
+            contradiction=watch.state.contradiction(),
             numbers=watch.state.all_followed(),
             verifications=[
                 JudgedVerification(

@@ -34,7 +34,6 @@ from app.identification.analysis.before_after import (
     used_rows,
     without_zeros,
 )
-from app.identification.analysis.contradicted import contradicted
 from app.identification.analysis.curves import plots
 from app.identification.analysis.far_values import MOST_LISTED, far_values, left_out_words
 from app.identification.analysis.figures import ComponentFigures
@@ -72,6 +71,7 @@ from app.identification.analysis.responses import (
 )
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import comparisons, doubts, trusted_readings
+from app.identification.observed_scatter import Contradiction, contradiction
 from app.identification.residuals.inexact_sensors import (
     Inexact,
     error_columns,
@@ -83,6 +83,7 @@ from app.identification.residuals.residuals import LeftOut, Residuals, channel_u
 from app.identification.zeroed import to_state, zeroed
 from app.search.candidate import Candidate, Known
 from app.search.findings import FEW_VISITS, Findings, Untested, Verdict
+from app.search.noise import COMMON
 from app.search.search import Progress, search
 from app.units import Unit
 
@@ -297,13 +298,13 @@ def _answer(
     floor = _floor(components)
     unit = figures_unit(found.residuals)
     far = far_values(found)
-    in_summary, to_state = contradicted(found) or ("", "")
+    denied = _contradiction(found)
     told = summary(
         *(verdict, described, refitted, unexplained, size, after, noise, unit, kinds, components)
     )
     return Analysis(
         verdict=verdict,
-        summary=told + in_summary + left_out_words(far),
+        summary=told + (f" {denied.sentence}" if denied else "") + left_out_words(far),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -327,7 +328,7 @@ def _answer(
         detectable=tuple(_detectable(found)),
         what_next=what_next(
             *(described, unexplained, found.residuals.rows.visits, far),
-            [to_state] if to_state else [],
+            [denied.to_state] if denied else [],
             is_short_of_visits=any(one.reason == FEW_VISITS for one in findings.untested),
             is_cut=findings.is_cut,
             times_s=found.residuals.rows.times_s[found.use],
@@ -395,6 +396,12 @@ def _by_live_path(
     projection = found.residuals.projection
     was, becomes = (contributions(projection, effects).errors for effects in (before, after))
     return becomes - was
+
+
+def _contradiction(found: FinishedSearch) -> Contradiction | None:
+    noise = found.findings.noise
+    shown = {c: one.repeatability for c, one in noise.items() if one.origin == COMMON}
+    return contradiction(found.residuals, found.rows, shown)
 
 
 def _noise(found: FinishedSearch) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -20,6 +20,7 @@ from app.identification.analysis.before_after import (
     zero_of,
 )
 from app.identification.analysis.figures import Zero
+from app.identification.observed_scatter import ObservedScatter
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
 from app.identification.residuals.summary import Summary, summarise
 from app.search.noise import repeatability
@@ -46,7 +47,8 @@ class Size(Answer, published_as="SizeAnswer"):
         float | None, Field(description=f"Standard deviation of one observation {IN_ITS_UNIT}")
     ]
     repeatability_origin: str
-    """`declared`, from `replicates`, or guessed from the `residuals` within visits"""
+    """`declared`, what nearly all lengths have in `common` where they contradict that, from
+    `replicates`, or guessed from the `residuals` within visits"""
 
     share_above_repeatability: float | None
     """Share that exceeds it in size; noise alone: 0.32"""
@@ -60,7 +62,7 @@ class Size(Answer, published_as="SizeAnswer"):
         return self.rms / self.repeatability if self.repeatability else 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ResidualFigures:
     """What is said of residuals in figures.
 
@@ -68,12 +70,15 @@ class ResidualFigures:
     ----------
     overall
         All lengths together; None where no value is one.
+    contradiction
+        What is said of a stated repeatability that nearly all lengths contradict; None: nothing.
     """
 
     overall: Size | None
     components: Sequence[Size]
     summaries: Sequence[Summary]
     excluded: Sequence[LeftOut]
+    contradiction: str | None = None
 
     @property
     def count(self) -> int:
@@ -81,7 +86,7 @@ class ResidualFigures:
         return sum(size.count for size in self.components)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ResidualReport(ResidualFigures):
     """Residuals and their size.
 
@@ -96,9 +101,16 @@ class ResidualReport(ResidualFigures):
     values: FloatArray
 
 
-def residual_report(residuals: Residuals) -> ResidualReport:
-    """Sum residuals up."""
-    rows = residuals.as_rows()
+def residual_report(residuals: Residuals, scatter: ObservedScatter) -> ResidualReport:
+    """Sum residuals up.
+
+    Parameters
+    ----------
+    scatter
+        By what the campaign's observations scatter: some of its rows may be left out here.
+    """
+    rows = replace(residuals.as_rows(), noise=scatter.noise)
+    denied = scatter.contradiction
     zeros = unknown_zeros(rows)
     values = without_zeros(zeros, rows.values)
     components = component_sizes(residuals, rows, values, zeros)
@@ -118,6 +130,7 @@ def residual_report(residuals: Residuals) -> ResidualReport:
         components=components,
         summaries=summarise(residuals, values, noise_um),
         excluded=residuals.left_out,
+        contradiction=None if denied is None else denied.sentence,
     )
 
 

@@ -28,7 +28,9 @@ from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.figures import WatchFigures, latest_residuals
 from app.identification.watch.lone_values import LoneValue, lone_values, lone_words
 from app.identification.watch.setups import PAIRS, Track, believed, learn
+from app.search.common_scatter import side_of
 from app.search.rows import Datum, Rows
+from app.units import Unit
 
 PLAINLY: Final = 2.0
 """A visit shows a change by itself where it is off by so many standard deviations."""
@@ -127,14 +129,40 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Squares that level and slopes leave within visits, and their degrees of freedom."""
+    """Squares that level and slopes leave within visits, and their degrees of freedom.
+
+    Parameters
+    ----------
+    expected
+        Squares that are to be expected of what is stated and of the maps' uncertainty; where
+        nothing is stated, those that are left.
+    """
 
     squares: float = 0.0
     freedom: int = 0
+    expected: float = 0.0
 
-    def plus(self, fit: _Fit) -> Noise:
-        """Add what one more visit leaves."""
-        return Noise(self.squares + fit.squares, self.freedom + fit.freedom)
+    def plus(self, fit: _Fit, stated: float | None, maps: SparseArray) -> Noise:
+        """Add what one more visit leaves.
+
+        Parameters
+        ----------
+        stated
+            A stated standard deviation.
+        maps
+            Change of the visit's rows for one standard error of each entry, shape (m, p).
+        """
+        expected = fit.squares
+        if stated is not None:
+            expected = fit.freedom * stated**2 + fit.left_of(maps)
+        return Noise(
+            self.squares + fit.squares, self.freedom + fit.freedom, self.expected + expected
+        )
+
+    @property
+    def ratio(self) -> float:
+        """By how many times what is left exceeds what was to be expected."""
+        return float(np.sqrt(self.squares / self.expected)) if self.expected > 0.0 else 1.0
 
     def variance(self, stated: float | None) -> float | None:
         """Give the variance of one observation; None where too little is known.
@@ -196,6 +224,25 @@ class WatchState:
     beyond_since_s: float | None = None
     figures: WatchFigures | None = None
 
+    def contradiction(self) -> str | None:
+        """Say so where nearly all lengths contradict the repeatability that is stated.
+
+        The limits are not changed by that: an unchanged machine is called changed as rarely, as
+        what set-ups seem to scatter by makes good what observations seem not to.
+        """
+        lengths = (name for name in self.noise if channel_unit(name) is Unit.UM)
+        own = [self.noise[name] for name in lengths]
+        ratios = np.array([one.ratio for one in own])
+        side = side_of(ratios, np.array([float(one.freedom) for one in own]))
+        if side == 0:
+            return None
+        return (
+            "The stated repeatability is contradicted: within their visits nearly all lengths "
+            f"scatter by {np.median(ratios):.2g} times what it and the maps' uncertainty allow. "
+            "The watch goes on from what is stated, and learns only slowly what they show: false "
+            "alarms stay as rare, but a change may be seen later. An analysis says what to state."
+        )
+
     def most_sigmas(self) -> float | None:
         """Give the largest latest deviation over what was to be expected of it."""
         ratios = [
@@ -246,7 +293,7 @@ class Judgement(Answer, published_as="JudgementAnswer"):
     """Probability that an unchanged machine is ever called changed"""
 
     summary: str
-    """What it says, in a sentence or two"""
+    """In plain sentences"""
 
     beyond: tuple[Followed, ...]
     """What has changed since the model was made, the clearest first"""
@@ -391,17 +438,18 @@ def _after_channel(
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
     own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
     fit = _Fit.of(rows.values[own], sheet.tilt[own])
-    noise = state.noise.get(name, Noise()).plus(fit)
-    state = replace(state, noise={**state.noise, name: noise})
     declared = rows.noise.get(channel)
     stated = declared.repeatability if declared else None
     lone = lone_values(own.tolist(), fit.left, stated)
+    maps = sheet.maps(channel, own)
+    noise = state.noise.get(name, Noise()).plus(fit, stated, maps)
+    state = replace(state, noise={**state.noise, name: noise})
     variance = noise.variance(stated)
     if variance is None:
         return state, [], lone
     is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
     streams, taken = dict(state.streams), []
-    for number in fit.numbers(variance, sheet.maps(channel, own), is_zeroed):
+    for number in fit.numbers(variance, maps, is_zeroed):
         key = f"{name}{KEY}{number.what}"
         before = streams.get(key, Stream.begin(number.maps))
         streams[key] = before.after(number, float(np.sqrt(variance)))
@@ -444,6 +492,7 @@ class _Fit:
     """Level and slopes of one channel in one visit, by least squares."""
 
     names: tuple[str, ...]
+    columns: FloatArray
     inverse: FloatArray
     values: FloatArray
     left: FloatArray
@@ -457,17 +506,24 @@ class _Fit:
         kept = [0, *(j for j in range(1, columns.shape[1]) if np.ptp(columns[:, j]) > 0)]
         if len(kept) >= len(values):
             kept = [0]
-        inverse = np.linalg.pinv(columns[:, kept])
+        columns = columns[:, kept]
+        inverse = np.linalg.pinv(columns)
         found = inverse @ values
-        left = values - columns[:, kept] @ found
+        left = values - columns @ found
         return cls(
             tuple(names[j] for j in kept),
+            columns,
             inverse,
             found,
             left,
             float(np.sum(left**2)),
             len(values) - len(kept),
         )
+
+    def left_of(self, maps: SparseArray) -> float:
+        """Give the squares that level and slopes leave of errors with columns of shape (m, p)."""
+        columns = maps.toarray()
+        return float(np.sum((columns - self.columns @ (self.inverse @ columns)) ** 2))
 
     def numbers(self, variance: float, maps: SparseArray, is_zeroed: bool) -> list[VisitNumber]:
         """Give each number with its scatter by observations; of an unknown zero not the level."""
@@ -486,18 +542,19 @@ def _judgement(
     is_beyond = state.beyond_since_s is not None
     named = state.all_followed()[:MOST_NAMED] if is_beyond else []
     changed = [one for one in named if one.evidence >= LIMIT] or named[:1]
+    sentence = _sentence(
+        changed,
+        judged,
+        farthest if farthest and _farness(farthest) > FAR else None,
+        is_first=all(s.process.steps <= 1 for s in state.streams.values()),
+    )
     return Judgement(
         model_version,
         "beyond" if is_beyond else "within" if judged else "not-judged",
         state.evidence(),
         LIMIT,
         FALSE_ALARM,
-        _sentence(
-            changed,
-            judged,
-            farthest if farthest and _farness(farthest) > FAR else None,
-            is_first=all(s.process.steps <= 1 for s in state.streams.values()),
-        ),
+        " ".join(filter(None, [sentence, state.contradiction()])),
         tuple(changed),
         visits,
     )

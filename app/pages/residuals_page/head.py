@@ -46,7 +46,12 @@ class ResidualsHead:
 
 
 def size_sentence(figures: ResidualFigures) -> str:
-    """Say how large the residuals are, as plain text."""
+    """Say how large the residuals are, and beside what, as plain text."""
+    denied = f" {figures.contradiction}" if figures.contradiction else ""
+    return _size_sentence(figures) + denied
+
+
+def _size_sentence(figures: ResidualFigures) -> str:
     size = figures.overall
     if size is None:
         measured = counted(figures.count, "value")

@@ -1,0 +1,131 @@
+"""By what one observation scatters: as is stated, unless nearly all lengths contradict that.
+
+Whatever says something of a campaign asks here, or its search, which decides in the same way
+(`app.search.common_scatter`): so two answers about the same verifications cannot differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.arrays import one_blas_thread, rms
+from app.errors import InvalidContent
+from app.identification.campaign import Campaign, residuals_of
+from app.identification.doubted_sensors import trusted_readings
+from app.identification.residuals.inexact_sensors import error_columns, inexact_sensors
+from app.identification.residuals.map_uncertainty import map_uncertainty
+from app.identification.residuals.residuals import Residuals
+from app.search.common_scatter import FEWEST_CHANNELS, screen_at_common_scatter
+from app.search.noise import COMMON
+from app.search.rows import DeclaredNoise, Rows
+from app.units import Unit
+
+UM: Final = Unit.UM.symbol
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A stated repeatability that nearly all lengths contradict.
+
+    Parameters
+    ----------
+    stated
+        What verifications state, in words [µm].
+    shown_um
+        By what lengths scatter within their set-ups [µm].
+    times
+        That over what is stated, rounding included.
+    """
+
+    stated: str
+    shown_um: float
+    times: float
+
+    @property
+    def sentence(self) -> str:
+        """Say by how much it is contradicted."""
+        return (
+            f"The stated repeatability of {self.stated} {UM} is contradicted: nearly all lengths "
+            f"scatter by {self.shown_um:.2g} {UM} within their set-ups, {self.times:.2g} times as "
+            "much, and the answer rests on that."
+        )
+
+    @property
+    def to_state(self) -> str:
+        """Say what to state instead."""
+        return (
+            f"State {self.shown_um:.2g} instead of {self.stated} {UM} as repeatability_um, or "
+            "measure some places twice within two minutes, which shows how well lengths repeat."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedScatter:
+    """By what the channels of a campaign scatter.
+
+    Parameters
+    ----------
+    noise
+        Channel to what is known before any search [the channel's unit].
+    contradiction
+        None where nothing that is stated is contradicted.
+    """
+
+    noise: Mapping[int, DeclaredNoise]
+    contradiction: Contradiction | None
+
+
+def observed_scatter(campaign: Campaign, residuals: Residuals) -> ObservedScatter:
+    """Decide what one observation scatters by, as an analysis of the same campaign does.
+
+    Parameters
+    ----------
+    residuals
+        The campaign's own.
+    """
+    stated = residuals.as_rows().noise
+    if sum(one.repeatability is not None for one in stated.values()) < FEWEST_CHANNELS:
+        return ObservedScatter(stated, None)
+    trusted = trusted_readings(campaign.model, campaign.readings)
+    inexact = inexact_sensors(campaign.model.machine, trusted)
+    looking_back = residuals_of(campaign, inexact) if inexact else residuals
+    projection, rows = looking_back.projection, looking_back.as_rows()
+    try:
+        errors = error_columns(projection, trusted, inexact)
+        maps = map_uncertainty(projection, campaign.maps, errors)
+    except InvalidContent:
+        # Too many for any analysis: what is stated is all that is known.
+        return ObservedScatter(stated, None)
+    with one_blas_thread():
+        found, _ = screen_at_common_scatter(rows, maps)
+    shown = {c: n.repeatability for c, n in found.noise.items() if n.origin == COMMON}
+    known = {c: value for c, value in shown.items() if value is not None}
+    return ObservedScatter(found.noise, contradiction(looking_back, rows, known))
+
+
+def contradiction(
+    residuals: Residuals, rows: Rows, shown: Mapping[int, float]
+) -> Contradiction | None:
+    """Put a contradiction into figures.
+
+    Parameters
+    ----------
+    rows
+        The residuals, with the repeatability as it is stated.
+    shown
+        Channel to what nearly all lengths show in its place [µm]; empty: nothing is contradicted.
+    """
+    if not shown:
+        return None
+    size = rms(np.array(list(shown.values())))
+    before = rms(np.array([rows.noise[c].repeatability or np.nan for c in shown]))
+    own = residuals.rows
+    which = np.unique(own.verification[np.isin(own.channel, list(shown))]).tolist()
+    values = [own.verifications[i].repeatability_um for i in which]
+    stated = sorted({f"{value:.2g}" for value in values if value is not None}, key=float)
+    number = " to ".join(dict.fromkeys([stated[0], stated[-1]]))
+    return Contradiction(number, size, size / before)
