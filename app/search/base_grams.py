@@ -54,7 +54,7 @@ class BaseGrams:
 
     def __init__(self, library: Library, states: Mapping[int, State]) -> None:
         self._states = states
-        self._library = library
+        self.library = library
         self._known: dict[tuple[int, int], BaseGram] = {}
 
     @property
@@ -66,7 +66,7 @@ class BaseGrams:
         """Give a batch's information in one channel."""
         key = (number, channel)
         if key not in self._known:
-            self._known[key] = _base_gram(self._library.batches[number], self._states[channel])
+            self._known[key] = _base_gram(self.library.batches[number], self._states[channel])
         return self._known[key]
 
 

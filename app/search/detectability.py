@@ -8,18 +8,23 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from app.arrays import BoolArray, FloatArray
-from app.search.base_grams import NOTHING_SEEN
+from app.search.base_grams import NOTHING_SEEN, BaseGrams
+from app.search.candidate import Candidate
+from app.search.draws import Draws
 from app.search.findings import Detectable
 from app.search.joint_fit import inverse
-from app.search.library import Batch, Library
+from app.search.library import Batch, Library, read_library
 from app.search.moments import blocks, moments_of
+from app.search.power import as_declared, drawn_noise, noncentralities
+from app.search.problem import Problem
 from app.search.rivals import TIED_BELOW
+from app.search.scan import scan
 from app.search.selection import penalties
 from app.search.small_inverse import inverse_roots
 from app.search.state import State
+from app.search.threshold import Threshold, threshold
 
 POWER: Final = 1.2816
 """Standard normal quantile of nine times in ten."""
@@ -55,60 +60,112 @@ class Information:
     rows: int
 
 
+@dataclass(frozen=True, eq=False)
+class Chances:
+    """What it takes to be found nine times in ten, and by which noise that was worked out.
+
+    This is the one definition of being found, before measuring and after: the search's threshold
+    is passed and the parameters are paid for, with variances that are estimated from the same
+    rows.
+
+    Parameters
+    ----------
+    needed : ndarray, shape (candidates,)
+        Noncentrality with which each candidate is found, at the middle of its grid; NaN where it
+        cannot be.
+    level, scatter
+        Channel to the set of visit variances, and the variance of one observation, at which these
+        are noncentralities.
+    """
+
+    needed: FloatArray
+    level: Mapping[int, int]
+    scatter: Mapping[int, float]
+
+    @classmethod
+    def of(
+        cls,
+        base: BaseGrams,
+        states: Mapping[int, State],
+        allowed: BoolArray,
+        draws: Draws,
+        limit: Threshold,
+    ) -> Chances:
+        """Work it out beside the noise of some states.
+
+        Parameters
+        ----------
+        base
+            Information of a library's entries in the states' channels.
+        states
+            Channel to state, beside the terms that are given.
+        allowed : ndarray, shape (entries,)
+            Which entries may be chosen.
+        limit
+            The threshold where nothing is there.
+        """
+        library, noise = base.library, drawn_noise(states, draws)
+        needed = np.full(len(library.candidates), np.nan)
+        wanted = set(_middles(library, allowed))
+        cost = penalties(library, sum(state.count for state in states.values()))
+        for number, batch in enumerate(library.batches):
+            at = [i for i, entry in enumerate(batch.entries) if entry in wanted]
+            if at and all(c in noise for c in batch.channels):
+                candidates = library.groups[[batch.entries[i] for i in at]]
+                needed[candidates] = noncentralities(base, noise, limit, cost, at, number)
+        level = {c: int(np.argmax(state.null)) for c, state in states.items()}
+        scatter = {c: float(s.scatter(s.rss[level[c]])) for c, s in states.items()}
+        return cls(needed, level, scatter)
+
+    @classmethod
+    def before_measuring(
+        cls, problem: Problem, candidates: Sequence[Candidate], draws: Draws, false_alarm: float
+    ) -> Chances:
+        """Work it out beside the noise that is declared: values are not looked at."""
+        library = read_library(problem, candidates, draws, by_cell=False)
+        everything = np.ones(problem.cells, dtype=np.bool_)
+        states = as_declared(problem.states(everything), draws)
+        base = BaseGrams(library, states)
+        drawn = scan(library, states, draws, base=base).only(library.testable)
+        limit = threshold(drawn, library.groups, library.families, false_alarm)
+        return cls.of(base, states, library.testable, draws, limit)
+
+
 def smallest_effects(
-    library: Library,
-    states: Mapping[int, State],
-    level: Mapping[int, int],
-    scatter: Mapping[int, float],
-    allowed: BoolArray,
-    limit: float | FloatArray,
-    rivals: bool = True,
-    factor: float | FloatArray = 1.0,
+    library: Library, states: Mapping[int, State], chances: Chances, rivals: bool = True
 ) -> list[Detectable]:
-    """Give the smallest effects at known visit variances.
+    """Give the smallest effects that would be found nine times in ten.
 
     Parameters
     ----------
     states
-        Channel to state, without terms.
-    level, scatter
-        Channel to its visit variances, and to the variance of one observation.
-    allowed : ndarray, shape (entries,)
-        Which entries count.
-    limit : float or ndarray, shape (entries,)
-        Probability that an entry must stay below to count as found.
+        Channel to state, without terms; of the visits that take part.
+    chances
+        Of the library's candidates.
     rivals
         Whether each is also held against its rivals, which takes much longer.
-    factor : float or ndarray, shape (entries,)
-        By which statistics are multiplied before they are held against the limit
-        (`Threshold.bartlett`): where it lowers them, an effect must be larger to be found.
     """
-    middles = _middles(library, allowed)
-    known = informations(library, states, level, scatter, middles)
-    chosen = [i for i in middles if i in known]
+    needed, level, scatter = chances.needed, chances.level, chances.scatter
+    wanted = [
+        i for i in _middles(library, library.testable) if np.isfinite(needed[library.groups[i]])
+    ]
+    known = informations(library, states, level, scatter, wanted)
+    chosen = [i for i in wanted if i in known]
     overlaps: dict[int, Overlap] = {}
     if rivals and chosen:
         overlaps = _overlaps(library, states, level, scatter, known, chosen)
-    cost = penalties(library, sum(s.count for s in states.values()))
-    limits, factors = (np.broadcast_to(one, len(library.entries)) for one in (limit, factor))
-    found = []
-    for entry in chosen:
-        size, by = library.entries[entry].size, factors[entry]
-        # An effect must pass the threshold and pay for its parameters: whichever asks for more.
-        asked = max(chdtri(size, limits[entry]) / by, cost[entry] / min(by, 1.0))
-        needed = (np.sqrt(asked) + POWER) ** 2
-        one = _one(library, entry, known[entry], float(needed), overlaps.get(entry))
-        if one is not None:
-            found.append(one)
-    return found
+    every = (
+        _one(library, i, known[i], float(needed[library.groups[i]]), overlaps.get(i))
+        for i in chosen
+    )
+    return [one for one in every if one is not None]
 
 
 def _middles(library: Library, allowed: BoolArray) -> list[int]:
-    """Take each candidate at the middle of its grid."""
+    """Take each candidate that may be chosen at the middle of its grid."""
     members: dict[int, list[int]] = {}
-    for i, entry in enumerate(library.entries):
-        if allowed[i] and entry.excited:
-            members.setdefault(entry.candidate, []).append(i)
+    for i in np.flatnonzero(allowed).tolist():
+        members.setdefault(library.entries[i].candidate, []).append(i)
     return [m[len(m) // 2] for m in members.values()]
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, IntArray
 from app.search.alike import Alike
 from app.search.channel import Channel
 from app.search.moments import Fixed, Moments, moments_of
@@ -101,22 +101,49 @@ class Draws:
             self._responses[state] = self._response(state)
         return self._responses[state]
 
-    def _response(self, state: State) -> Response:
-        """Scale the unit draws to what the null model says of a channel.
+    def levels(self, state: State) -> IntArray:
+        """Give the set of visit variances that each draw of `response` comes from, shape (B,)."""
+        return self._levels(state, self._random(state))
 
-        The visit variances of each draw are themselves drawn from their profile
-        likelihood: with few visits they are known poorly, and a threshold from the best
-        fit alone would be too low whenever that fit happens to be small. Where other channels
-        say how a channel may wander, the second half of the draws wanders as they do: an
-        effect that the null model has swallowed as wander would else hide itself.
+    def response_at(self, state: State, level: IntArray) -> Response:
+        """Give draws of a channel from stated sets of visit variances, of its own scale.
+
+        Parameters
+        ----------
+        level : ndarray of int, shape (B,)
+            Numbers of the sets.
         """
-        fixed, channel = state.fixed, state.fixed.channel
-        random = np.random.default_rng([self.seed, 1, channel.number % SEED_MODULUS])
-        shape = (len(channel.starts), channel.shapes.shape[1], self.count)
+        return self._made(state, level, np.ones(self.count), np.random.default_rng([self.seed, 4]))
+
+    def _random(self, state: State) -> np.random.Generator:
+        return np.random.default_rng([self.seed, 1, state.fixed.channel.number % SEED_MODULUS])
+
+    def _response(self, state: State) -> Response:
+        random = self._random(state)
+        level = self._levels(state, random)
+        return self._made(state, level, np.sqrt(state.scatter(state.rss))[level], random)
+
+    def _levels(self, state: State, random: np.random.Generator) -> IntArray:
+        """Draw visit variances from their profile likelihood.
+
+        With few visits they are known poorly, and a threshold from the best fit alone would be
+        too low whenever that fit happens to be small. Where other channels say how a channel may
+        wander, the second half of the draws wanders as they do: an effect that the null model
+        has swallowed as wander would else hide itself.
+        """
+        channel = state.fixed.channel
         level = _drawn_levels(np.exp(state.null - state.null.max()), random.random(self.count))
         if channel.expected is not None:
             second = slice(self.count // 2, None)
             level[second] = _drawn_levels(channel.expected, random.random(self.count)[second])
+        return level
+
+    def _made(
+        self, state: State, level: IntArray, size: FloatArray, random: np.random.Generator
+    ) -> Response:
+        """Scale the unit draws to sets of visit variances and repeatabilities."""
+        fixed, channel = state.fixed, state.fixed.channel
+        shape = (len(channel.starts), channel.shapes.shape[1], self.count)
         shift = random.standard_normal(shape)
         if self.alike is not None and not channel.blocks.are_records:
             variances = [channel.blocks.of_setup(tried)[0] for tried in channel.tried]
@@ -128,7 +155,6 @@ class Draws:
             own = level == i
             shift[..., own] = channel.blocks.draw(channel.tried[i], shift[..., own])
         maps = self._maps(channel, random.standard_normal((channel.nuisance.shape[1], self.count)))
-        size = np.sqrt(state.scatter(state.rss))[level]
         return self._combined(state, fixed, shift, maps, size)
 
     def _maps(self, channel: Channel, own: FloatArray) -> FloatArray:
@@ -177,6 +203,6 @@ class Draws:
         return self._moments[number]
 
 
-def _drawn_levels(weights: FloatArray, uniform: FloatArray) -> np.ndarray:
+def _drawn_levels(weights: FloatArray, uniform: FloatArray) -> IntArray:
     drawn = np.searchsorted(np.cumsum(weights) / weights.sum(), uniform)
-    return drawn.clip(max=len(weights) - 1)
+    return np.asarray(drawn.clip(max=len(weights) - 1), dtype=np.intp)

@@ -18,6 +18,7 @@ from app.search.candidate import Candidate
 from app.search.draws import Draws
 from app.search.moments import Fixed, Moments, blocks, moments_of
 from app.search.problem import Problem, Term
+from app.search.scatter import FEWEST_BLOCKS
 
 WIDTH: Final = 256
 """Columns of one batch: bounds the memory at any number of candidates."""
@@ -135,6 +136,26 @@ class Library:
         """Number of each entry's family, shape (entries,)."""
         names = [candidate.family for candidate in self.candidates]
         return np.unique(names, return_inverse=True)[1].astype(np.intp)[self.groups]
+
+    @cached_property
+    def blocks_of_entries(self) -> IntArray:
+        """The blocks behind every entry, the most of any channel it acts on: shape (entries,)."""
+        found = np.zeros(len(self.entries), dtype=np.intp)
+        for batch in self.batches:
+            counts = [len(self.problem.fixed[c].channel.starts) for c in batch.channels]
+            found[batch.entries] = max(counts)
+        return found
+
+    @cached_property
+    def testable(self) -> BoolArray:
+        """Which entries may be chosen: with few visits only what one visit excites."""
+        blocks = self.blocks_of_entries
+        allowed = np.zeros(len(self.entries), dtype=bool)
+        for i, entry in enumerate(self.entries):
+            candidate = self.candidates[entry.candidate]
+            enough = candidate.within_visit or blocks[i] >= FEWEST_BLOCKS
+            allowed[i] = entry.excited and enough and not candidate.generic
+        return allowed
 
     def columns(
         self, batch: Batch, channel: int, chosen: Sequence[int] | None = None

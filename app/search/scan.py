@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.base_grams import BaseGrams
 from app.search.draws import Draws, Response
 from app.search.library import Batch, Library
@@ -55,6 +55,10 @@ class Scan:
     ratio: FloatArray
     noise: FloatArray
     rank: FloatArray
+
+    def only(self, allowed: BoolArray) -> Scan:
+        """Take some entries for not testable: all but those, shape (entries,)."""
+        return Scan(self.ratio * allowed, self.noise * allowed[:, None], self.rank * allowed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray
 from app.errors import InvalidContent
 from app.search.adequacy import adequacy
 from app.search.candidate import Candidate, Known, KnownTerm
 from app.search.common_scatter import screen_at_common_scatter
-from app.search.detectability import smallest_effects
+from app.search.detectability import Chances, smallest_effects
 from app.search.draws import Draws
 from app.search.findings import (
     ALIKE_OUTLIERS,
@@ -183,7 +183,7 @@ def search(
         *(Unexplained(ALIKE_OUTLIERS, one.channel, None) for one in excluded if one.alike),
     ]
     report(0.95, "summing up")
-    outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid)
+    outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid, draws)
     answer = _answer(outcome, use, excluded, held_out, remains)
     report(1.0, "done")
     return _beyond(answer, residuals.values - rows.values)
@@ -253,7 +253,7 @@ class _Chooser:
             lambda s: self.report(0.02 + 0.33 * s, "reading candidates"),
             by_cell=False,  # parts of the visits see few of them (`Library.take`)
         )
-        everything, allowed = np.ones(splits.cells, dtype=bool), _testable(library)
+        everything, allowed = np.ones(splits.cells, dtype=bool), library.testable
         selector = Selector(
             *(library, everything, allowed, self.false_alarm, self.most_terms),
             known=[
@@ -294,6 +294,7 @@ class _Outcome(NamedTuple):
     doubts: Sequence[tuple[str, ...]]
     checked: Validation
     unsaid: Sequence[Nuisance]
+    draws: Draws
 
 
 def _answer(
@@ -304,7 +305,7 @@ def _answer(
     left: Sequence[Unexplained],
 ) -> Findings:
     """Write everything down, in the channels' own units."""
-    selector, main, fit, _, _, checked, unsaid = outcome
+    selector, main, fit, _, _, checked, unsaid, draws = outcome
     library = selector.library
     sized = _with_unsaid(selector, main.terms, fit, unsaid)
     every = [_found(outcome, number, sized) for number in range(len(main.terms))]
@@ -319,7 +320,7 @@ def _answer(
         global_p=main.stages[0].global_p,
         excluded=tuple(excluded),
         untested=tuple(_untested(library, main.stages[0].rank)),
-        detectable=tuple(_detectable(selector, fit, main)),
+        detectable=tuple(_detectable(selector, main, draws)),
         predicted=_in_own_unit(library.problem, checked.after),
         adopted=_in_own_unit(library.problem, checked.adopted),
         is_cut=main.is_cut,
@@ -433,20 +434,9 @@ def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alar
             raise InvalidContent.of_field(name, f"expected a share between 0 and 1, got {share:g}")
 
 
-def _testable(library: Library) -> BoolArray:
-    """Say which entries may be chosen: with few visits only what one visit excites."""
-    blocks = _blocks_of_entries(library)
-    allowed = np.zeros(len(library.entries), dtype=bool)
-    for i, entry in enumerate(library.entries):
-        candidate = library.candidates[entry.candidate]
-        enough = candidate.within_visit or blocks[i] >= FEWEST_BLOCKS
-        allowed[i] = entry.excited and enough and not candidate.generic
-    return allowed
-
-
 def _untested(library: Library, rank: FloatArray) -> list[Untested]:
     """List candidates that no value of their grid could be tested for, and why."""
-    blocks = _blocks_of_entries(library)
+    blocks = library.blocks_of_entries
     most: dict[int, tuple[float, int]] = {}
     for i, entry in enumerate(library.entries):
         known = most.get(entry.candidate, (0.0, 0))
@@ -459,15 +449,6 @@ def _untested(library: Library, rank: FloatArray) -> list[Untested]:
             found.append(Untested(candidate.key, "not-excited"))
         elif few and not candidate.generic:
             found.append(Untested(candidate.key, FEW_VISITS, FEWEST_BLOCKS, count))
-    return found
-
-
-def _blocks_of_entries(library: Library) -> IntArray:
-    """Count the blocks behind every entry: the most of any channel it acts on."""
-    found = np.zeros(len(library.entries), dtype=np.intp)
-    for batch in library.batches:
-        counts = [len(library.problem.fixed[c].channel.starts) for c in batch.channels]
-        found[batch.entries] = max(counts)
     return found
 
 
@@ -484,7 +465,7 @@ def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
 
 
 def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
-    selector, main, fit, rivals, doubts, checked, _ = outcome
+    selector, main, fit, rivals, doubts, checked, _, _ = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
     start = sum(t.size for t in main.terms[:number])
@@ -538,11 +519,10 @@ def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise
     return found
 
 
-def _detectable(selector: Selector, fit: Fit, main: Selection) -> list[Detectable]:
-    threshold = main.stages[0].limit
-    limit = np.power(10.0, -threshold.surprise)
-    known = (selector.library, selector.states, fit.level, fit.scatter, selector.allowed)
-    return smallest_effects(*known, limit, rivals=False, factor=threshold.bartlett)
+def _detectable(selector: Selector, main: Selection, draws: Draws) -> list[Detectable]:
+    given = selector.given(main.terms)
+    chances = Chances.of(selector.base, given, selector.allowed, draws, main.stages[0].limit)
+    return smallest_effects(selector.library, selector.states, chances, rivals=False)
 
 
 def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:

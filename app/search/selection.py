@@ -221,7 +221,7 @@ class Selector:
     def _stage(self, found: Scan, known: Sequence[Stage], others: Sequence[Term]) -> Stage:
         alike = None
         if found.noise.shape[1]:  # draws, even where the library is empty
-            tested = _only(found, self.allowed)
+            tested = found.only(self.allowed)
             halves = self.library.problem.has_expected_wander
             limit = threshold(tested, self.groups, self.families, self.false_alarm, halves)
             if self.made_anew is not None:
@@ -230,7 +230,7 @@ class Selector:
             limit, alike = known[0].limit, known[0].alike
         allowed = self.allowed & ~self._unexpected(found, limit) if not known else self.allowed
         is_level = self._are_levels(found, limit, alike, others)
-        p = limit.global_p(_only(found, allowed & ~is_level))
+        p = limit.global_p(found.only(allowed & ~is_level))
         return Stage(limit, p, found.ratio, found.rank, is_level, alike)
 
     def _unexpected(self, found: Scan, limit: Threshold) -> BoolArray:
@@ -503,7 +503,3 @@ def _given(
     if not columns:
         return None
     return Given(np.hstack(columns), np.concatenate(precision), offset)
-
-
-def _only(found: Scan, allowed: BoolArray) -> Scan:
-    return Scan(found.ratio * allowed, found.noise * allowed[:, None], found.rank * allowed)

@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.search.candidate import Candidate, Part
-from app.search.detectability import smallest_effects
+from app.search.detectability import Chances, smallest_effects
+from app.search.draws import Draws
 from app.search.library import read_library
 from app.search.problem import make_problem
 from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
+from app.search.selection import Selector
 
 REPEATABILITY, SHIFT, TILT, MAP = 1.0, 0.8, 0.4, 0.4
 CHANNELS = 2
@@ -124,18 +126,32 @@ def make_library(campaign, pitches=40):
     return [*found, fingerprint(c)]
 
 
-def detectable(campaign, candidates, false_alarm=0.01, **how):
-    """What the rows could show, whatever their values are: the smallest effects."""
+def whole(campaign):
+    """The campaign's rows, ready to be searched, in one cell."""
     cells = dict.fromkeys(np.unique(campaign.rows.visit).tolist(), 0)
     everything = np.ones(len(campaign.rows.values), dtype=bool)
-    problem = make_problem(campaign.rows, campaign.nuisance, everything, cells, 1)
+    return make_problem(campaign.rows, campaign.nuisance, everything, cells, 1)
+
+
+def chances_of(campaign, candidates):
+    """What it takes to be found, whatever the values are."""
+    return Chances.before_measuring(whole(campaign), candidates, Draws(0, 200), 0.01)
+
+
+def detectable(campaign, candidates):
+    """What the rows could show, whatever their values are: the smallest effects."""
+    problem = whole(campaign)
     library = read_library(problem, candidates, None)
     states = problem.states(np.ones(1, dtype=bool))
-    level = {c: s.fixed.channel.declared for c, s in states.items()}
-    allowed = np.array([not candidates[e.candidate].generic for e in library.entries])
-    limit = false_alarm / int(allowed.sum())
-    scatter = dict.fromkeys(states, 1.0)
-    return smallest_effects(library, states, level, scatter, allowed, limit, **how)
+    return smallest_effects(library, states, chances_of(campaign, candidates))
+
+
+def chosen_in(campaign, candidates=None, seed=0):
+    """Choose terms as the search does, without anything after it."""
+    problem, draws = whole(campaign), Draws(seed, 100)
+    library = read_library(problem, candidates or make_library(campaign, pitches=4), draws)
+    everything = np.ones(1, dtype=bool)
+    return Selector(library, everything, library.testable, 0.01, 1).select(draws).terms
 
 
 def waves(campaign, pitch):

@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 
-from app.search.draws import Draws
 from app.search.findings import Verdict
-from app.search.library import read_library
-from app.search.problem import make_problem
 from app.search.scan import Scan
 from app.search.search import search
-from app.search.selection import Selector
 from app.search.threshold import threshold
 from tests.search.search_campaigns import (
     REPEATABILITY,
+    chosen_in,
     make_campaign,
     make_library,
 )
@@ -36,17 +33,6 @@ def test_noise_with_visit_scatter_is_nothing():
     assert unexplained <= 4
 
 
-def chosen_in(campaign, seed):
-    """Choose terms as the search does, without anything after it."""
-    use = np.ones(len(campaign.rows.values), dtype=bool)
-    cell_of = dict.fromkeys(np.unique(campaign.rows.visit).tolist(), 0)
-    problem = make_problem(campaign.rows, campaign.nuisance, use, cell_of, 1)
-    draws = Draws(seed, 100)
-    library = read_library(problem, make_library(campaign, pitches=4), draws)
-    allowed = np.array([not library.candidates[e.candidate].generic for e in library.entries])
-    return Selector(library, np.ones(1, dtype=bool), allowed, 0.01, 1).select(draws).terms
-
-
 @pytest.mark.slow
 def test_points_taken_as_independent_alarm_always():
     """The same search told that visits do not scatter: the mistake that it is there to avoid.
@@ -57,8 +43,8 @@ def test_points_taken_as_independent_alarm_always():
     for seed in range(10):
         campaign = make_campaign(seed, visits=12, targets=15)
         blind = campaign.declaring(repeatability=REPEATABILITY, setup_shift=0.0, setup_tilt=0.0)
-        naive += bool(chosen_in(blind, seed))
-        honest += bool(chosen_in(campaign, seed))
+        naive += bool(chosen_in(blind, seed=seed))
+        honest += bool(chosen_in(campaign, seed=seed))
     assert naive == 10
     assert honest <= 1
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, norm
 
+from app.arrays import rms
 from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
 from app.search.findings import Status, Verdict
@@ -15,6 +15,8 @@ from app.search.screening import screen
 from app.search.search import search
 from tests.search.search_campaigns import (
     REPEATABILITY,
+    chances_of,
+    chosen_in,
     detectable,
     make_campaign,
     make_library,
@@ -405,43 +407,43 @@ def test_detectable_without_values_and_against_a_twin():
     assert found["copy"].overlap == pytest.approx(1.0)
     assert found["copy"].distinguishable == np.inf
     assert found["reversal-0"].overlap < 0.3
-    assert found["copy"].smallest == pytest.approx(found["speed-0"].smallest)
-    again = detectable(campaign, candidates)
-    assert [d.smallest for d in again] == [d.smallest for d in found.values()]
+    # Alone in its family, it pays for no others.
+    assert found["copy"].smallest == pytest.approx(found["speed-0"].smallest, rel=0.1)
+    again = [d.smallest for d in detectable(campaign, candidates)]
+    # Rows of other values stand in another order, and are drawn anew.
+    assert again == pytest.approx([d.smallest for d in found.values()], rel=0.15)
 
 
-def test_where_statistics_are_corrected_an_effect_must_be_larger_to_be_seen():
-    """One that is halved before it is held against the threshold has to be twice as large.
-
-    The root of what it is lies 1.28 above the root of what is asked, nine times in ten.
-    """
-    campaign = make_campaign(52)
-    candidates = make_library(campaign, pitches=6)
-    usual, halved = (
-        {d.key: d.smallest for d in detectable(campaign, candidates, factor=by)} for by in (1, 0.5)
-    )
-    entries = sum(len(c.thetas) for c in candidates if not c.generic)
-    asked = np.sqrt(chi2.isf(0.01 / entries, 1))
-    larger = (np.sqrt(2.0) * asked + norm.isf(0.1)) / (asked + norm.isf(0.1))
-    assert halved["drift-0"] == pytest.approx(larger * usual["drift-0"], rel=1e-4)
-    assert halved.keys() == usual.keys()
+def test_of_few_visits_what_differs_between_them_must_be_larger():
+    """How visits scatter is learnt from the same visits, and an effect passes for such scatter."""
+    needed = {}
+    for visits in (8, 64):
+        campaign = make_campaign(52, visits=visits)
+        candidates = make_library(campaign, pitches=6)
+        found = chances_of(campaign, candidates).needed
+        needed[visits] = {c.key: n for c, n in zip(candidates, found, strict=True)}
+    few, many = needed[8], needed[64]
+    assert few["speed-0"] > 2.0 * many["speed-0"]
+    assert few["reversal-0"] == pytest.approx(many["reversal-0"], rel=0.3)
 
 
 @pytest.mark.slow
-def test_what_is_detectable_is_detected_nine_times_in_ten():
-    """The planning figure against searches: at its size found, at a third of it not."""
+@pytest.mark.parametrize("key", ["reversal-0", "speed-0"])
+def test_what_is_detectable_is_detected_nine_times_in_ten(key):
+    """The planning figure against searches of ten visits: at its size found, at a third not."""
     found = weak = 0
     for seed in range(60, 72):
-        campaign = make_campaign(seed, visits=12, targets=5)
+        campaign = make_campaign(seed, visits=10, targets=5)
         candidates = make_library(campaign, pitches=4)
         seen = {d.key: d for d in detectable(campaign, candidates)}
-        size = seen["reversal-0"].smallest * REPEATABILITY
-        for factor in (1.1, 0.3):
-            effect = factor * size * campaign.direction * campaign.on(0)
-            keys = [t.key for t in search_in(campaign.plus(effect), candidates).terms]
-            found += factor > 1 and keys == ["reversal-0"]
-            weak += factor < 1 and bool(keys)
-    assert found >= 9
+        course = campaign.direction if key == "reversal-0" else campaign.speed
+        course = course * campaign.on(0)
+        size = seen[key].smallest * REPEATABILITY / rms(course[campaign.on(0) > 0])
+        for factor in (1.0, 0.3):
+            terms = chosen_in(campaign.plus(factor * size * course), candidates=candidates)
+            found += factor == 1.0 and bool(terms)
+            weak += factor < 1.0 and bool(terms)
+    assert found >= 10
     assert weak <= 3
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, one_blas_thread
+from app.arrays import one_blas_thread
 from app.effects.campaign_view import CampaignView
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import NotTested
@@ -23,6 +23,7 @@ from app.errors import InvalidContent, counted, list_names
 from app.identification.analysis.analysis import by_reason
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import trusted_readings
+from app.identification.observed_scatter import observed_scatter
 from app.identification.plan.added_visits import AddedVisit, choose_added_visits
 from app.identification.plan.plan import (
     ImprovedEffect,
@@ -35,14 +36,13 @@ from app.identification.residuals.inexact_sensors import error_columns, inexact_
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.candidate import Candidate
-from app.search.detectability import smallest_effects
+from app.search.detectability import Chances, smallest_effects
+from app.search.draws import Draws
 from app.search.findings import Detectable
 from app.search.library import Library, read_library
 from app.search.problem import Problem, make_problem
-from app.search.rows import DeclaredNoise, Rows
-from app.search.scatter import FEWEST_BLOCKS
-from app.search.search import FALSE_ALARM
-from app.search.state import State
+from app.search.rows import DeclaredNoise, Nuisance, Rows
+from app.search.search import DRAWS, FALSE_ALARM
 from app.units import SECONDS_PER_DAY, duration_text, utc_time
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
@@ -82,11 +82,17 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
     residuals = residuals_of(every)
     view = CampaignView(every.model, every.maps, residuals.rows, residuals.projection.conditions)
     library = repertoire(view)
-    rows, assumed = _with_declared_noise(residuals)
+    rows, assumed = _with_declared_noise(residuals, planned)
+    count = len(planned.verifications)
     with one_blas_thread():
-        problem = _problem(residuals, rows, every, len(planned.verifications))
+        maps = _map_uncertainty(residuals, every)
+        cell_of = _cells(residuals, rows, count)
+        alone = _of_plan(rows, maps, cell_of)
+        chances = Chances.before_measuring(alone, library.candidates, Draws(0, DRAWS), false_alarm)
+        everything = np.ones(len(rows.values), dtype=np.bool_)
+        problem = make_problem(rows, maps, everything, cell_of, 1 + max(cell_of.values()))
         entries = _read_middles(problem, library.candidates)
-        limits = _DetectionLimits(entries, library.hypotheses, residuals, false_alarm)
+        limits = _DetectionLimits(entries, library.hypotheses, residuals, chances)
         seen = limits.smallest(0, rivals=True)
     effects = _best_forms([limits.described(one) for one in seen.values()])
     suggestions = _suggestions(limits, added, seen)
@@ -168,15 +174,26 @@ def _shifted(verification: Verification, shift_s: float) -> Verification:
     return replace(verification, observations=moved)
 
 
-def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
-    """Declare a repeatability for every channel: the stated one's number, or one."""
-    rows = residuals.as_rows()
-    stated = [n.repeatability for n in rows.noise.values() if n.repeatability]
-    assumed = float(np.median(stated)) if stated else ASSUMED_REPEATABILITY_UM
-    known = {c: n for c, n in rows.noise.items() if n.repeatability}
-    lacking = [c for c in np.unique(rows.channel).tolist() if c not in known]
-    noise = {**known, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
-    notes = []
+def _with_declared_noise(residuals: Residuals, planned: Campaign) -> tuple[Rows, list[str]]:
+    """Declare a repeatability for every channel: what is stated, or shown in its place, or one."""
+    rows, notes = residuals.as_rows(), []
+    stated = {c: n for c, n in rows.noise.items() if n.repeatability}
+    measured = [v for v in planned.verifications if not v.is_planned]
+    if stated and measured:
+        alone = replace(planned, verifications=measured)
+        denied = observed_scatter(alone, residuals_of(alone)).contradiction
+        if denied is not None:
+            stated = {c: replace(n, repeatability=denied.shown_um) for c, n in stated.items()}
+            notes.append(denied.sentence)
+    elif stated:
+        notes.append(
+            "the stated repeatability was taken as it is: name stored verifications of the same "
+            "instrument to have it held against what they show"
+        )
+    of_stated = [n.repeatability for n in stated.values() if n.repeatability]
+    assumed = float(np.median(of_stated)) if of_stated else ASSUMED_REPEATABILITY_UM
+    lacking = [c for c in np.unique(rows.channel).tolist() if c not in stated]
+    noise = {**stated, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
     if lacking:
         names = list_names([residuals.rows.channels[c] for c in lacking], 6)
         notes.append(
@@ -186,17 +203,24 @@ def _with_declared_noise(residuals: Residuals) -> tuple[Rows, list[str]]:
     return replace(rows, noise=noise), notes
 
 
-def _problem(residuals: Residuals, rows: Rows, campaign: Campaign, planned: int) -> Problem:
-    """Put the plan into cell 0 and each visit that may be added into a cell of its own."""
-    which = residuals.rows.verification
-    cell = np.where(which < planned, 0, which - planned + 1)
-    cell_of = dict(zip(rows.block.tolist(), cell.tolist(), strict=True))
-    use = np.ones(len(rows.values), dtype=np.bool_)
+def _map_uncertainty(residuals: Residuals, campaign: Campaign) -> list[Nuisance]:
     trusted = trusted_readings(campaign.model, campaign.readings)
     inexact = inexact_sensors(campaign.model.machine, trusted)
     steps = error_columns(residuals.projection, trusted, inexact)
-    nuisance = map_uncertainty(residuals.projection, campaign.maps, steps)
-    return make_problem(rows, nuisance, use, cell_of, 1 + int(cell.max()))
+    return map_uncertainty(residuals.projection, campaign.maps, steps)
+
+
+def _cells(residuals: Residuals, rows: Rows, planned: int) -> dict[int, int]:
+    """Put the plan into cell 0 and each visit that may be added into a cell of its own."""
+    which = residuals.rows.verification
+    cell = np.where(which < planned, 0, which - planned + 1)
+    return dict(zip(rows.block.tolist(), cell.tolist(), strict=True))
+
+
+def _of_plan(rows: Rows, maps: Sequence[Nuisance], cell_of: Mapping[int, int]) -> Problem:
+    """Make the plan alone ready."""
+    use = np.array([cell_of[block] == 0 for block in rows.block.tolist()])
+    return make_problem(rows, maps, use, dict.fromkeys(cell_of, 0), 1)
 
 
 def _read_middles(problem: Problem, candidates: Sequence[Candidate]) -> Library:
@@ -220,17 +244,13 @@ class _DetectionLimits:
     library: Library
     hypotheses: Mapping[str, Hypothesis]
     residuals: Residuals
-    false_alarm: float
+    chances: Chances
 
     def smallest(self, *cells: int, rivals: bool = False) -> dict[str, Detectable]:
         """Give the smallest effects that the visits of some cells would show, by key."""
         problem = self.library.problem
         states = problem.states(np.isin(np.arange(problem.cells), cells))
-        level = {c: s.fixed.channel.declared for c, s in states.items()}
-        allowed = self._allowed(states)
-        limit = self.false_alarm / max(int(allowed.sum()), 1)
-        ones = dict.fromkeys(states, 1.0)
-        found = smallest_effects(self.library, states, level, ones, allowed, limit, rivals)
+        found = smallest_effects(self.library, states, self.chances, rivals)
         return {one.key: one for one in found}
 
     def described(self, one: Detectable) -> PlannedEffect:
@@ -258,19 +278,6 @@ class _DetectionLimits:
         size, unit = self._size(own)
         sizes = (before.smallest * size, after.smallest * size)
         return ImprovedEffect(own.kind, own.components, own.sensors, own.states, unit, *sizes)
-
-    def _allowed(self, states: Mapping[int, State]) -> BoolArray:
-        """Few visits show only what a single visit excites."""
-        visits = {c: int(s.blocks.sum()) for c, s in states.items()}
-        candidates = self.library.candidates
-        allowed = np.zeros(len(candidates), dtype=np.bool_)
-        for batch in self.library.batches:
-            enough = max((visits.get(c, 0) for c in batch.channels), default=0) >= FEWEST_BLOCKS
-            for i in batch.entries:
-                number = self.library.entries[i].candidate
-                within = candidates[number].within_visit
-                allowed[number] = (enough or within) and all(c in states for c in batch.channels)
-        return allowed[[e.candidate for e in self.library.entries]]
 
     def _size(self, hypothesis: Hypothesis) -> tuple[float, str]:
         """Give the repeatability of the component's own channel, or of points, and its unit."""

@@ -1,0 +1,331 @@
+"""How large an effect must be to pass the threshold nine times in ten.
+
+Were the variances of observations and set-ups known, the root of the likelihood ratio would be
+normal about the root of what the rows say of the effect. They are estimated from the same rows,
+and an effect that differs from visit to visit passes for scatter between them: of few visits the
+ratio is then far smaller. What scatters like visits also raises the threshold, which is taken from
+noise as large as the null model says. Both are worked out on draws of noise: each draw's squares
+are known at every set of visit variances, and an effect adds to them what each set leaves of it.
+
+A. Wald, Trans. Am. Math. Soc. 54 (1943) 426: the noncentrality of a likelihood ratio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy.special import chdtri, ndtr
+
+from app.arrays import FloatArray, IntArray
+from app.search.base_grams import NOTHING_SEEN, BaseGrams
+from app.search.draws import Draws, Response
+from app.search.joint_fit import inverse
+from app.search.state import State
+from app.search.threshold import BARTLETT, Threshold
+
+NINE_IN_TEN: Final = 0.9
+"""How often an effect of the stated size is found."""
+
+DRAWN: Final = 20
+"""Draws of noise behind a size, of all sets of visit variances in turn: of each the place where it
+passes is worked out."""
+
+OF_EACH: Final = 8
+"""Draws at each set of visit variances, for how large a ratio noise has there."""
+
+LARGEST: Final = 1e8
+"""Noncentrality from which nothing is called visible."""
+
+HALVINGS: Final = 13
+ROUNDS: Final = 2
+"""The threshold depends on the size, and the size on the threshold."""
+
+AT_ONCE: Final = 2_000_000
+"""Numbers that are worked on at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnNoise:
+    """Noise of one channel as it may be, at every set of visit variances.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (L, m)
+        What each set leaves of each draw's squares, effects aside.
+    level : ndarray, shape (m,)
+        From which set each draw comes.
+    variance : ndarray, shape (m,)
+        The variance of one of its observations, over the square of the scale.
+    of_levels : ndarray, shape (L, t, L) or None
+        The same squares for t draws from each set, by the set that they come from; None where
+        there are too many sets.
+    """
+
+    state: State
+    squares: FloatArray
+    level: IntArray
+    variance: FloatArray
+    of_levels: FloatArray | None
+
+    @classmethod
+    def of(cls, state: State, draws: Draws) -> DrawnNoise:
+        """Draw the noise of a channel about what its null model says."""
+        level = draws.levels(state)
+        # As often from each set as all draws are.
+        places = (np.arange(DRAWN) + 0.5) * len(level) / DRAWN
+        which = np.argsort(level, kind="stable")[places.astype(np.intp)]
+        squares = _squares(state, draws.response(state))[:, which]
+        variance = state.scatter(state.rss)[level[which]]
+        return cls(state, squares, level[which], variance, _of_levels(state, draws.seed))
+
+    @cached_property
+    def likelihood(self) -> FloatArray:
+        """The log likelihood of each draw, shape (m,)."""
+        return self.state.largest(self.squares)
+
+    def risen(self, added: FloatArray) -> FloatArray:
+        """Give the likelihood ratio of effects that add so much to the squares.
+
+        Parameters
+        ----------
+        added : ndarray, shape (L, g, m)
+
+        Returns
+        -------
+        ndarray, shape (g, m)
+        """
+        return 2.0 * (self.likelihood - self.state.largest(self.squares[:, None] + added))
+
+    def believed(self, added: FloatArray) -> FloatArray:
+        """Say how a null model that has to take up an effect sees the visit variances.
+
+        Parameters
+        ----------
+        added : ndarray, shape (L, g, m)
+
+        Returns
+        -------
+        ndarray, shape (L, g)
+            On average over the draws; their sum over the sets is 1.
+        """
+        log = self.state.log_likelihoods(self.squares[:, None] + added)
+        weights = np.exp(log - log.max(axis=0))
+        found: FloatArray = (weights / weights.sum(axis=0)).mean(axis=2)
+        return found
+
+    def ratio_of_noise(self, shares: FloatArray) -> FloatArray | None:
+        """Say how large a likelihood ratio noise has on average, by the set that it comes from.
+
+        Parameters
+        ----------
+        shares : ndarray, shape (L, g)
+            What each set leaves of an entry's columns.
+
+        Returns
+        -------
+        ndarray, shape (L, g), or None
+            Over that at known variances.
+        """
+        if self.of_levels is None:
+            return None
+        count = self.of_levels.shape[1]
+        by_chance = chdtri(1, (np.arange(count) + 0.5) / count)
+        by_chance /= by_chance.mean()
+        own = np.maximum(shares, NOTHING_SEEN)
+        found = np.empty(shares.shape)
+        for level, squares in enumerate(self.of_levels):
+            added = (own / own[level])[:, :, None] * by_chance
+            left = squares.T[:, None]
+            rise = self.state.largest(left) - self.state.largest(left + added)
+            found[level] = 2.0 * rise.mean(axis=1)
+        return found
+
+
+def _squares(state: State, response: Response) -> FloatArray:
+    """Give what each set of visit variances leaves of draws, shape (L, m)."""
+    found = np.empty((len(state.rss), len(response.square)))
+    for some in state.levels:
+        shadow = some.shadow(response.with_nuisance, response.reduced)
+        found[some.which] = response.square - np.sum(shadow**2, axis=1)
+    return found
+
+
+def _of_levels(state: State, seed: int) -> FloatArray | None:
+    if state.fixed.channel.blocks.may_wander:
+        return None
+    levels = len(state.rss)
+    draws = Draws(seed, levels * OF_EACH)
+    squares = _squares(state, draws.response_at(state, np.repeat(np.arange(levels), OF_EACH)))
+    return squares.T.reshape(levels, OF_EACH, levels)
+
+
+def as_declared(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
+    """Give states whose squares are those to be expected of the noise that is declared.
+
+    Nothing need have been measured: their values are not to be looked at.
+    """
+    found = {}
+    for c, state in states.items():
+        one = State(state.fixed, state.cells)
+        level = np.full(draws.count, state.fixed.channel.declared, dtype=np.intp)
+        one.rss = _squares(state, draws.response_at(state, level)).mean(axis=1)
+        found[c] = one
+    return found
+
+
+def drawn_noise(states: Mapping[int, State], draws: Draws) -> dict[int, DrawnNoise]:
+    """Draw every channel's noise.
+
+    Parameters
+    ----------
+    states
+        Channel to state, beside the terms that are given.
+    """
+    return {c: DrawnNoise.of(state, draws) for c, state in states.items()}
+
+
+def noncentralities(
+    base: BaseGrams,
+    noise: Mapping[int, DrawnNoise],
+    limit: Threshold,
+    cost: FloatArray,
+    entries: Sequence[int],
+    number: int,
+) -> FloatArray:
+    """Give the noncentrality with which some entries of a batch are found nine times in ten.
+
+    Parameters
+    ----------
+    base
+        Information at each set of visit variances, on the cells of the noise's states.
+    cost : ndarray, shape (entries,)
+        What each entry must pay for its parameters besides (`penalties`).
+    entries
+        Places in the batch.
+    number
+        Of the batch.
+
+    Returns
+    -------
+    ndarray, shape (g,)
+        At the variances that the null model has, as `informations` gives the rows' information.
+    """
+    batch = base.library.batches[number]
+    found = np.empty(len(entries))
+    sets = max(len(noise[c].state.rss) for c in batch.channels)
+    step = max(1, AT_ONCE // (sets * DRAWN))
+    for first in range(0, len(entries), step):
+        part = list(entries[first : first + step])
+        own = [batch.entries[i] for i in part]
+        shares = {c: base.of(number, c).gram[:, part] for c in batch.channels}
+        asked = _Asked(
+            chdtri(batch.size, np.power(10.0, -limit.surprise[own])), limit.bartlett[own], cost[own]
+        )
+        found[first : first + step] = _Visible.of(shares, noise).needed(asked)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What likelihood ratios must exceed, each of shape (g,)."""
+
+    limit: FloatArray
+    bartlett: FloatArray
+    cost: FloatArray
+
+    def ratio(self, larger: FloatArray) -> FloatArray:
+        """Give the ratio that passes where noise has ratios that are larger by so many times."""
+        # An effect must pass the threshold and pay for its parameters: whichever asks for more.
+        by = np.clip(self.bartlett / larger, *BARTLETT)
+        return np.maximum(self.limit / by, self.cost / np.minimum(by, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Visible:
+    """Some entries, and what each set of visit variances leaves of them.
+
+    Parameters
+    ----------
+    shares
+        Channel to the squares that an effect of noncentrality 1 adds at each set, shape (L, g).
+    """
+
+    shares: Mapping[int, FloatArray]
+    noise: Mapping[int, DrawnNoise]
+
+    @classmethod
+    def of(cls, grams: Mapping[int, FloatArray], noise: Mapping[int, DrawnNoise]) -> _Visible:
+        """Take grams of shape (L, g, k, k), on average over the directions of their amplitudes."""
+        total: FloatArray = np.zeros(next(iter(grams.values()))[0].shape)
+        for c, gram in grams.items():
+            state = noise[c].state
+            best = int(np.argmax(state.null))
+            total = total + gram[best] / float(state.scatter(state.rss[best]))
+        back = inverse(total)
+        size = total.shape[-1]
+        shares = {c: np.einsum("gij,lgji->lg", back, gram) / size for c, gram in grams.items()}
+        return cls({c: np.maximum(own, 0.0) for c, own in shares.items()}, noise)
+
+    def needed(self, asked: _Asked) -> FloatArray:
+        """Give the noncentralities that are found nine times in ten, shape (g,)."""
+        larger = np.ones(len(asked.limit))
+        passes = self._passing(asked.ratio(larger))
+        tables = {c: self.noise[c].ratio_of_noise(own) for c, own in self.shares.items()}
+        for _ in range(ROUNDS):
+            larger = self._larger(passes, tables)
+            passes = self._passing(asked.ratio(larger))
+        return self._nine_in_ten(passes)
+
+    def ratio(self, size: FloatArray) -> FloatArray:
+        """Give the likelihood ratios of effects of some noncentralities, shape (g, m)."""
+        found = np.zeros(size.shape)
+        for c, own in self.shares.items():
+            found += self.noise[c].risen(own[:, :, None] * size)
+        return found
+
+    def _passing(self, asked: FloatArray) -> FloatArray:
+        """Find the noncentrality at which each draw passes, shape (g, m), by bisection."""
+        low = np.zeros((len(asked), self._draws))
+        high = np.full(low.shape, np.log(LARGEST))
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2.0
+            is_enough = self.ratio(np.exp(middle)) >= asked[:, None]
+            low, high = np.where(is_enough, low, middle), np.where(is_enough, middle, high)
+        return np.asarray(np.exp(high))
+
+    def _larger(self, passes: FloatArray, tables: Mapping[int, FloatArray | None]) -> FloatArray:
+        """Say how much larger noise's ratios are where the null model takes the effect up."""
+        found, weight = np.zeros(len(passes)), np.zeros(len(passes))
+        for c, own in self.shares.items():
+            table, noise = tables[c], self.noise[c]
+            if table is None:
+                change = np.ones(len(passes))
+            else:
+                nothing = noise.believed(np.zeros((*own.shape, 1)))
+                beside = noise.believed(own[:, :, None] * passes)
+                change = np.sum(beside * table, axis=0) / np.sum(nothing * table, axis=0)
+            part = own.max(axis=0)
+            found, weight = found + part * change, weight + part
+        return np.asarray(np.where(weight > 0.0, found / np.maximum(weight, 1e-300), 1.0))
+
+    def _nine_in_ten(self, passes: FloatArray) -> FloatArray:
+        """Find the size that passes in nine of ten draws, its own error included, shape (g,)."""
+        precision = np.zeros(passes.shape)
+        for c, own in self.shares.items():
+            noise = self.noise[c]
+            precision += own[noise.level].T / noise.variance
+        sharp, at = np.sqrt(np.maximum(precision, 0.0)), np.sqrt(passes)
+        low, high = np.zeros(len(passes)), np.full(len(passes), np.sqrt(LARGEST))
+        for _ in range(2 * HALVINGS):
+            middle = (low + high) / 2.0
+            is_enough = ndtr((middle[:, None] - at) * sharp).mean(axis=1) >= NINE_IN_TEN
+            low, high = np.where(is_enough, low, middle), np.where(is_enough, middle, high)
+        return np.asarray(high**2)
+
+    @property
+    def _draws(self) -> int:
+        return len(self.noise[next(iter(self.shares))].level)
