@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
@@ -10,6 +11,7 @@ from app.identification.analysis.analyse import analyse
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
 from app.identification.observed_scatter import observed_scatter
+from app.identification.plan.planning import plan
 from app.simulation.undeclared import make_campaign
 
 SAID = "is contradicted: nearly all lengths scatter by"
@@ -78,3 +80,26 @@ def test_what_nobody_knows_is_not_explained_away_as_noise(stated):
     campaign = campaign_stating(stated, ["chirped-pitch"], 3203)
     found = analyse(campaign, kinds=["periodic"])
     assert found.verdict == "unexplained"
+
+
+def smallest_reversals(found):
+    return {e.components: e.smallest_rms for e in found.effects if e.kind == "backlash"}
+
+
+@pytest.mark.slow
+def test_a_plan_beside_stored_verifications_rests_on_what_they_show():
+    """From three times the scatter it followed that only effects three times as large are seen."""
+    right, wrong = (plan(campaign_stating(stated), 1) for stated in (1.0, 3.0))
+    assert [note for note in wrong.notes if SAID in note]
+    assert not [note for note in right.notes if SAID in note]
+    seen, also = smallest_reversals(right), smallest_reversals(wrong)
+    assert seen.keys() == also.keys()
+    assert np.median([also[one] / seen[one] for one in seen]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_plan_with_nothing_measured_says_that_it_takes_the_stated_number():
+    campaign = campaign_stating(3.0)
+    first = replace(campaign.verifications[0], is_planned=True)
+    found = plan(replace(campaign, verifications=[first]), 1)
+    assert any(note.startswith("the stated repeatability was taken as it") for note in found.notes)
