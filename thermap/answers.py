@@ -1717,7 +1717,11 @@ class SizeAnswer(Shape):
 
 
 class SmallestSeenAnswer(Shape):
-    """The smallest effect of one kind on one component that would have been seen."""
+    """
+    The smallest effect of one kind on one component that would have been seen nine times in ten.
+
+    A time constant, pitch or time of change is taken from the middle of those that are searched.
+    """
 
     kind: str
     """Kind of effect"""
@@ -3148,7 +3152,11 @@ class ParseAnswer(Shape):
 
 
 class PlannedEffectAnswer(Shape):
-    """The smallest effect of one kind that the plan would find nine times in ten."""
+    """
+    The smallest effect of one kind that the plan would find nine times in ten.
+
+    A time constant, pitch or time of change is taken from the middle of those that are searched.
+    """
 
     kind: str
     """Kind of effect"""

@@ -111,7 +111,10 @@ class UnexplainedPart(Answer, published_as="UnexplainedAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class SmallestSeen(Answer, published_as="SmallestSeenAnswer"):
-    """The smallest effect of one kind on one component that would have been seen."""
+    """The smallest effect of one kind on one component that would have been seen nine times in ten.
+
+    A time constant, pitch or time of change is taken from the middle of those that are searched.
+    """
 
     kind: str
     """Kind of effect"""

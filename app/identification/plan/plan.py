@@ -39,7 +39,10 @@ class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
-    """The smallest effect of one kind that the plan would find nine times in ten."""
+    """The smallest effect of one kind that the plan would find nine times in ten.
+
+    A time constant, pitch or time of change is taken from the middle of those that are searched.
+    """
 
     kind: Annotated[str, Field(examples=["thermal-lag"])]
     """Kind of effect"""
