@@ -77,6 +77,7 @@ async def test_a_machine_as_its_model_says_stays_within_and_a_changed_one_is_not
     assert [v["label"] for v in watch["verifications"]] == [f"visit {i}" for i in range(12)]
     assert watch["verifications"][-1]["evidence"] == watch["evidence"] == judgement["evidence"]
     assert watch["numbers"][0]["component"] == "EXX"
+    assert watch["contradiction"] is None
     assert (await room.get(ROOM)).json()["watch"] == "beyond"
     assert (await room.patch(ROOM, json={"name": "moved"})).json()["watch"] == "beyond"
     assert [m["watch"] for m in (await room.get("/v1/machines")).json()] == ["beyond"]

@@ -34,6 +34,13 @@ def test_a_state_that_took_set_ups_as_independent_goes_on():
         assert [*stream.likelihoods[:: len(CORRELATIONS)]] == old["setups"]
 
 
+def test_what_an_older_state_left_contradicts_nothing_that_was_stated():
+    """It did not keep what was stated."""
+    read = WATCH_STATES.read(OLD["state"])
+    assert {one.ratio for one in read.noise.values() if one.squares > 0.0} == {1.0}
+    assert read.contradiction() is None
+
+
 def test_numbers_are_read_as_they_were():
     judgement, state = JUDGEMENTS.read(OLD["judgement"]), WATCH_STATES.read(OLD["state"])
     assert (judgement.status, judgement.model_version) == ("beyond", 3)
