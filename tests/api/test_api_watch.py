@@ -194,6 +194,9 @@ async def test_a_value_that_was_mistyped_is_named_where_all_else_agrees(room):
     assert "But one value is 8" in summary
     assert "EXX at 200 mm of 2026-03-01 05:00:03 UTC, where they scatter by ±" in summary
     assert summary.endswith("was it misread or mistyped?")
+    numbers = (await room.get(f"{ROOM}/watch")).json()["numbers"]
+    (level,) = (one for one in numbers if one["what"] == "level")
+    assert level["expected_sd"] < 4.0  # 3.1 µm of the maps; with that value it would be 6 µm
     assert "mistyped" not in (await judged(room, visit(1)))["summary"]
 
 

@@ -1,7 +1,8 @@
 """Single values of a visit that are far from the others of it, as where one was mistyped.
 
-The watch follows levels and slopes, and a lone value hides in the scatter that it makes itself:
-without being named it would stand behind a sentence that all agrees.
+The watch follows levels and slopes, and a lone value hides in the scatter that it makes itself.
+Not named, it would stand behind a sentence that all agrees; not left out, it would hide changes in
+all later visits.
 """
 
 from __future__ import annotations
@@ -76,9 +77,15 @@ def lone_words(found: list[LoneValue], rows: ObservationRows) -> str:
     if name not in POINT_CHANNELS and known.size != 1:
         places = ""
     time = datetime.fromtimestamp(float(rows.times_s[one.row]), UTC)
-    more = f", and so are {len(found) - 1} more" if len(found) > 1 else ""
+    several = len(found) > 1
+    more = f", and {len(found) - 1} more are as far" if several else ""
+    end = (
+        "They are left out of this judgement: were they misread or mistyped?"
+        if several
+        else "It is left out of this judgement: was it misread or mistyped?"
+    )
+    scatter = f"±{one.scatter:.2g} {unit}"
     return (
         f" But one value is {abs(one.off):.2g} {unit} from the others of its visit, {name}{places} "
-        f"of {time:%Y-%m-%d %H:%M:%S} UTC, where they scatter by ±{one.scatter:.2g} {unit}{more}: "
-        "was it misread or mistyped?"
+        f"of {time:%Y-%m-%d %H:%M:%S} UTC, where they scatter by {scatter}{more}. {end}"
     )

@@ -433,14 +433,18 @@ def _after_channel(
 ) -> tuple[WatchState, list[_Away], list[LoneValue]]:
     """Take one channel of one visit; give its numbers too, none where too little is known.
 
-    Last come its lone values.
+    Last come its lone values, which take no part: one mistyped value would make the watch blind
+    for all visits after it.
     """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
     own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-    fit = _Fit.of(rows.values[own], sheet.tilt[own])
     declared = rows.noise.get(channel)
     stated = declared.repeatability if declared else None
+    fit = _Fit.of(rows.values[own], sheet.tilt[own])
     lone = lone_values(own.tolist(), fit.left, stated)
+    if lone:
+        own = np.setdiff1d(own, [one.row for one in lone])
+        fit = _Fit.of(rows.values[own], sheet.tilt[own])
     maps = sheet.maps(channel, own)
     noise = state.noise.get(name, Noise()).plus(fit, stated, maps)
     state = replace(state, noise={**state.noise, name: noise})
