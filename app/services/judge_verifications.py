@@ -11,6 +11,7 @@ import logging
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
+from time import monotonic
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -43,6 +44,9 @@ log = logging.getLogger("thermap")
 
 LOOK_EVERY_S: Final = 5.0
 """How often it is looked whether readings have come that verifications wait for [s]."""
+
+AT_MOST_S: Final = 2.0
+"""How long those are judged at a time that waited: somebody waits for an answer [s]."""
 
 JUDGING_DUTY: Final = 7_483_624
 """PostgreSQL advisory lock: of several services one looks."""
@@ -113,9 +117,10 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
 
 
 def judge_awaiting(context: Context, machine_id: str | None = None) -> None:
-    """Judge the verifications that waited for readings which are there now.
+    """Judge the verifications that waited for readings which are there now, for `AT_MOST_S`.
 
-    Readings have to reach the last observation: what is uploaded in pieces is judged whole.
+    Those that are left have their turn at the next call. Readings have to reach the last
+    observation: what is uploaded in pieces is judged whole.
 
     Parameters
     ----------
@@ -128,9 +133,12 @@ def judge_awaiting(context: Context, machine_id: str | None = None) -> None:
             for of, stored in awaiting_readings(session, machine_id)
             if _has_readings(context, session, of, stored)
         ]
+    began_s = monotonic()
     for of, number in waiting:
         with suppress(UnknownThing):  # deleted meanwhile
             _judge_late(context, of, number)
+        if monotonic() - began_s > AT_MOST_S:
+            return
 
 
 def judge_before_showing(context: Context, machine_id: str) -> None:

@@ -161,6 +161,16 @@ async def test_readings_that_come_in_pieces_are_waited_for(room):
     assert (await late(room, PATH))["visits"] == 1
 
 
+async def test_many_that_waited_do_not_hold_up_who_asks(room, monkeypatch):
+    monkeypatch.setattr("app.services.judge_verifications.AT_MOST_S", 0.0)
+    for number in (-300, -299):
+        await judged(room, visit(number))
+    await room.post(f"{ROOM}/readings", json=readings_of(-300, range(-1, 5)))
+    for expected in ([False, True], [False, False]):
+        listed = (await room.get(PATH)).json()
+        assert [one["judgement"]["awaits_readings"] for one in listed] == expected
+
+
 async def test_a_judgement_that_was_made_stays_whatever_readings_come_later(room):
     known = await judged(room, visit(0))
     await room.post(f"{ROOM}/readings", json=readings_of(-300, range(20)))
