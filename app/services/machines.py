@@ -184,8 +184,9 @@ def change_machine(
     Raises
     ------
     Conflict
-        If a sensor or an axis goes that maps or the assignment use, or maps
-        become too close for a sensor's new resolution.
+        If a sensor or an axis goes that maps or the assignment use, maps
+        become too close for a sensor's new resolution, or a new travel is evidently
+        in another unit than the positions of stored maps.
     """
     with changing_machine(context, machine_id) as change:
         before = change.machine
@@ -193,6 +194,7 @@ def change_machine(
         maps = list_error_maps(change.session, machine_id)
         _check_sensors_stay(before, after, maps, [change.version, change.waiting])
         _check_axes_stay(after, maps)
+        _check_travels_fit(before, after, maps)
         update_machine(change.row, after)
         _note_change(context, change, before, after)
         watched = watch_status(change.session, change.row)
@@ -233,6 +235,22 @@ def _check_axes_stay(after: Machine, maps: list[StoredMap]) -> None:
         raise Conflict(
             f"configuration {after.chain.text} lacks axes {list_names(missing)} of stored maps"
         )
+
+
+def _check_travels_fit(before: Machine, after: Machine, maps: list[StoredMap]) -> None:
+    """Refuse a travel beside which the positions of stored maps are in another unit."""
+    changed = {a: t for a, t in after.axes.items() if before.axes.get(a) != t}
+    for stored in maps:
+        for code, table in stored.error_map.tables.items():
+            travel = changed.get(table.component.axis or "")
+            if travel is None or travel.unit_meant(table.positions_mm.tolist()) is None:
+                continue
+            first, last = table.positions_mm[0], table.positions_mm[-1]
+            raise Conflict(
+                f"expected a travel of {table.component.axis} in mm that fits the stored maps, "
+                f"got {travel.min_mm:g} to {travel.max_mm:g} mm, where map "
+                f"{stored.error_map.label!r} has {code} from {first:g} to {last:g} mm"
+            )
 
 
 @repeated

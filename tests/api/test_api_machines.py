@@ -92,6 +92,16 @@ async def test_axes_are_changed_one_by_one_and_null_removes_one(client):
     }
 
 
+async def test_a_travel_in_metres_beside_maps_in_millimetres_is_refused(client, app):
+    before = contents(app)
+    body = {"axes": {"x": {"min_mm": 0, "max_mm": 0.5}}}
+    found = problem(await client.patch(ROOM, json=body), 409)
+    assert "got 0 to 0.5 mm, where map 'Run #1' has EXX from 0 to 500 mm" in found["detail"]
+    assert contents(app) == before
+    longer = {"axes": {"x": {"min_mm": -100, "max_mm": 900}}}
+    assert (await client.patch(ROOM, json=longer)).status_code == 200
+
+
 async def test_a_patch_reaches_the_live_table_at_once(client):
     hot = {"temperatures_c": {"x-middle": 40.0, "z-column": 42.0}}
     table = (await client.post(f"{ROOM}/compensation", json=hot)).json()
