@@ -108,11 +108,14 @@ class Chances:
         needed = np.full(len(library.candidates), np.nan)
         wanted = set(_middles(library, allowed))
         cost = penalties(library, sum(state.count for state in states.values()))
+        parts: dict[tuple[tuple[int, ...], int], list[tuple[int, list[int]]]] = {}
         for number, batch in enumerate(library.batches):
             at = [i for i, entry in enumerate(batch.entries) if entry in wanted]
             if at and all(c in noise for c in batch.channels):
-                candidates = library.groups[[batch.entries[i] for i in at]]
-                needed[candidates] = noncentralities(base, noise, limit, cost, at, number)
+                parts.setdefault((batch.channels, batch.size), []).append((number, at))
+        for together in parts.values():
+            own = [library.batches[number].entries[i] for number, at in together for i in at]
+            needed[library.groups[own]] = noncentralities(base, noise, limit, cost, together)
         level = {c: int(np.argmax(state.null)) for c, state in states.items()}
         scatter = {c: float(s.scatter(s.rss[level[c]])) for c, s in states.items()}
         return cls(needed, level, scatter)

@@ -201,10 +201,9 @@ def noncentralities(
     noise: Mapping[int, DrawnNoise],
     limit: Threshold,
     cost: FloatArray,
-    entries: Sequence[int],
-    number: int,
+    parts: Sequence[tuple[int, Sequence[int]]],
 ) -> FloatArray:
-    """Give the noncentrality with which some entries of a batch are found nine times in ten.
+    """Give the noncentrality with which entries are found nine times in ten.
 
     Parameters
     ----------
@@ -212,28 +211,35 @@ def noncentralities(
         Information at each set of visit variances, on the cells of the noise's states.
     cost : ndarray, shape (entries,)
         What each entry must pay for its parameters besides (`penalties`).
-    entries
-        Places in the batch.
-    number
-        Of the batch.
+    parts
+        Numbers of batches of one size that act in the same channels, each with places in it: g
+        in all.
 
     Returns
     -------
     ndarray, shape (g,)
         At the variances that the null model has, as `informations` gives the rows' information.
     """
-    batch = base.library.batches[number]
-    found = np.empty(len(entries))
-    sets = max(len(noise[c].state.rss) for c in batch.channels)
+    batches = base.library.batches
+    first = batches[parts[0][0]]
+    own = np.array([batches[number].entries[i] for number, places in parts for i in places])
+    grams = {
+        c: np.concatenate([base.of(number, c).gram[:, list(at)] for number, at in parts], axis=1)
+        for c in first.channels
+    }
+    found = np.empty(len(own))
+    sets = max(len(noise[c].state.rss) for c in first.channels)
     step = max(1, AT_ONCE // (sets * DRAWN))
-    for first in range(0, len(entries), step):
-        part = list(entries[first : first + step])
-        own = [batch.entries[i] for i in part]
-        shares = {c: base.of(number, c).gram[:, part] for c in batch.channels}
+    for begin in range(0, len(own), step):
+        some = slice(begin, begin + step)
+        chosen = own[some]
         asked = _Asked(
-            chdtri(batch.size, np.power(10.0, -limit.surprise[own])), limit.bartlett[own], cost[own]
+            chdtri(first.size, np.power(10.0, -limit.surprise[chosen])),
+            limit.bartlett[chosen],
+            cost[chosen],
         )
-        found[first : first + step] = _Visible.of(shares, noise).needed(asked)
+        shares = {c: gram[:, some] for c, gram in grams.items()}
+        found[some] = _Visible.of(shares, noise).needed(asked)
     return found
 
 
