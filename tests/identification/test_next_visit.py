@@ -27,8 +27,14 @@ def campaign():
 
 
 def effect(kind="other-sensor", components=("EZZ",), sensors=(), states=(), ties=(), **changes):
-    own = {"kind": kind, "components": components, "sensors": sensors, "states": states}
-    rivals = tuple(SimpleNamespace(**{"kind": kind, "states": (), **rival}) for rival in ties)
+    own = {
+        "kind": kind,
+        "variant": "",
+        "components": components,
+        "sensors": sensors,
+        "states": states,
+    }
+    rivals = tuple(SimpleNamespace(**{**own, "states": (), **rival}) for rival in ties)
     return SimpleNamespace(**own, ties=rivals, **{"status": "confirmed", **changes})
 
 
@@ -72,7 +78,10 @@ def test_a_tie_is_measured_when_its_drivers_are_apart(campaign):
     )
     assert abs(found.like_time.timestamp() - middle) < 3600.0
     assert f"when {one} is far above the value that it had beside {other}" in found.sentence
-    assert "(effect 0)" in found.sentence
+    assert (
+        f"to tell other-sensor of EZZ with {one} (effect 0) from that of EZZ with {other}"
+        in found.sentence
+    )
     assert components_of(found) == {"EZZ"}
     # The first place is measured twice more at the end: the floor is known then.
     *_, again, last = found.planned.observations

@@ -226,24 +226,32 @@ def what_to_do(effect: FoundEffect) -> str:
     return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
 
 
-def _from_rival(effect: Named, rival: Named) -> str:
+def from_rival(effect: Named, rival: Named, number: int | None = None) -> str:
     """Name the two that are to be separated; of one kind by what they act on and what drives them.
+
+    Parameters
+    ----------
+    number
+        The effect's in the answer, where it is to be said.
 
     >>> from functools import partial
     >>> from types import SimpleNamespace
     >>> made = partial(SimpleNamespace, variant="", components=("EXX",), states=())
     >>> lag = made(kind="thermal-lag", sensors=("bed",))
-    >>> _from_rival(lag, made(kind="drift", sensors=()))
+    >>> from_rival(lag, made(kind="drift", sensors=()))
     'thermal-lag from drift'
-    >>> _from_rival(lag, made(kind="thermal-lag", sensors=(), states=("rpm",)))
+    >>> from_rival(lag, made(kind="thermal-lag", sensors=(), states=("rpm",)))
     'thermal-lag of EXX with bed from that of EXX with rpm'
+    >>> from_rival(lag, made(kind="thermal-lag", sensors=("room",)), number=2)
+    'thermal-lag of EXX with bed (effect 2) from that of EXX with room'
     >>> wrong = partial(made, kind="wrong-map", sensors=("bed",))
-    >>> _from_rival(wrong(variant="1: shift"), wrong(variant="2: slope"))
+    >>> from_rival(wrong(variant="1: shift"), wrong(variant="2: slope"))
     "wrong-map of EXX with bed in map '1' from that of EXX with bed in map '2'"
     """
+    which = "" if number is None else f" (effect {number})"
     if effect.kind != rival.kind:
-        return f"{effect.kind} from {rival.kind}"
-    return f"{effect.kind} of {_what(effect)} from that of {_what(rival)}"
+        return f"{effect.kind}{which} from {rival.kind}"
+    return f"{effect.kind} of {_what(effect)}{which} from that of {_what(rival)}"
 
 
 def _what(named: Named) -> str:
@@ -257,7 +265,7 @@ def _what(named: Named) -> str:
 
 def _of_effect(effect: FoundEffect) -> list[str]:
     found = [
-        f"{capitalised(a.separating_measurement)} (this separates {_from_rival(effect.effect, a)})."
+        f"{capitalised(a.separating_measurement)} (this separates {from_rival(effect.effect, a)})."
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
     ]

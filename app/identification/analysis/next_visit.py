@@ -18,6 +18,7 @@ from app.arrays import FloatArray
 from app.effects.observations import Observation, Verification, observation_rows
 from app.errors import capitalised, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.identification.analysis.advice import from_rival
 from app.identification.analysis.analysis import (
     NextVisit,
     PlannedPlace,
@@ -92,7 +93,7 @@ def _question(
             )
             differing = [(a, b) for a in reversed(mine) for b in reversed(other) if a != b]
             if mine != other and differing:
-                words = f"to tell {effect.kind} (effect {number}) from {rival.kind}"
+                words = f"to tell {from_rival(effect, rival, number)}"
                 return _Question(effect.components, differing[0], words)
     for number, effect in enumerate(effects):
         if effect.status != "confirmed":
