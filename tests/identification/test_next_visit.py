@@ -125,6 +125,23 @@ def test_sensors_that_never_came_apart_are_not_asked_to(campaign):
     assert "is far above" not in found.sentence
 
 
+def test_sensors_that_were_apart_in_the_visits_are_not_said_to_go_together(campaign):
+    """In every other visit one of two twins is warmer by far: nowhere in the record by more."""
+    one, other = list(campaign.model.machine.sensors)[:2]
+    history = campaign.readings
+    begins = np.array([min(o.time_s for o in v.observations) for v in campaign.verifications])
+    nearest = np.abs(history.times_s[:, None] - begins).argmin(axis=1)
+    moved = history.temperatures_c[other] + 20.0 * (nearest % 2)
+    apart = replace(history, temperatures_c=history.temperatures_c | {one: moved})
+    found = propose_visit(
+        replace(campaign, readings=apart),
+        [effect(components=(), sensors=(one,), ties=[{"sensors": (other,)}])],
+        [],
+    )
+    assert "never departed" not in found.sentence
+    assert "to tell other-sensor" in found.sentence
+
+
 def test_nothing_is_brought_apart_from_itself():
     for kind in KINDS:
         for rival in KINDS:

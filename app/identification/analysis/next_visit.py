@@ -41,6 +41,10 @@ APART: Final = 2.0
 """Drivers come apart where they leave their common course by so many times what they did in the
 visits at most."""
 
+TOGETHER: Final = 0.3
+"""Drivers had a common course in the visits where no more than so much of one's standard deviation
+is left beside the other."""
+
 MOST_MOMENTS: Final = 2000
 
 
@@ -147,9 +151,12 @@ def _apart(
     if any(name not in everything for name in drivers):
         return _unlike(campaign, question, again)
     one, other = (everything[name] for name in drivers)
-    off, largest = _off_course(one, other, begins_s.size)
+    off, largest, is_together = _off_course(one, other, begins_s.size)
     first, second = drivers
     if not np.isfinite(off).any() or np.nanmax(np.abs(off)) <= APART * largest:
+        if not is_together:
+            # They were apart in the visits already: more of these tell, not another state.
+            return _unlike(campaign, question, again)
         days = float(np.ptp(there.times_s)) / SECONDS_PER_DAY
         found = _unlike(campaign, question, again)
         if found is None:
@@ -175,23 +182,36 @@ def _apart(
     return _visit(campaign, time_s, sentence, again)
 
 
-def _off_course(one: FloatArray, other: FloatArray, visits: int) -> tuple[FloatArray, float]:
-    """Take the line through the visits off; give what is left of moments, and the most of visits.
+def _off_course(one: FloatArray, other: FloatArray, visits: int) -> tuple[FloatArray, float, bool]:
+    """Take the line through the visits off.
+
+    Returns
+    -------
+    off : ndarray
+        What is left of moments.
+    most : float
+        The most that is left of a visit.
+    is_together : bool
+        Whether the visits lie close to the line.
 
     Examples
     --------
     >>> one, other = np.array([0.0, 1.0, 2.0, 5.0]), np.array([0.0, 1.0, 2.0, 1.0])
-    >>> off, most = _off_course(one, other, 3)
-    >>> off.round(9).tolist(), round(most, 9)
-    ([4.0], 0.0)
+    >>> off, most, is_together = _off_course(one, other, 3)
+    >>> off.round(9).tolist(), round(most, 9), is_together
+    ([4.0], 0.0, True)
+    >>> _off_course(np.array([0.0, 1.0, 2.0, 0.0]), np.array([1.0, 0.0, 1.0, 0.0]), 4)[2]
+    False
     """
     known = np.isfinite(one[:visits]) & np.isfinite(other[:visits])
     if known.sum() < 2:
-        return np.full(one.size - visits, np.nan), 0.0
+        return np.full(one.size - visits, np.nan), 0.0, True
     x, y = other[:visits][known], one[:visits][known]
     slope = float(np.cov(x, y)[0, 1] / np.var(x, ddof=1)) if np.ptp(x) > 0 else 0.0
     left = one - (y.mean() + slope * (other - x.mean()))
-    return left[visits:], float(np.abs(left[:visits][known]).max())
+    there = left[:visits][known]
+    is_together = bool(there.std() <= TOGETHER * y.std())
+    return left[visits:], float(np.abs(there).max()), is_together
 
 
 def _moments(campaign: Campaign, places: int) -> tuple[FloatArray, FloatArray]:
