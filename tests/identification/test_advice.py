@@ -6,11 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import summary, what_next
+from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import asked_again, left_out_words
 from app.identification.analysis.found_effects import PROXY
+from app.identification.residuals.residuals import BEYOND_THE_MAPS
 from app.pages.report_parts.effect_names import adoption_text
+from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, STEP, rival
 
@@ -117,6 +121,32 @@ def test_values_that_were_left_out_are_named_with_their_size():
     assert step.startswith("Look at the 3 values that were left out as slips")
     assert left_out_words(()) == ""
     assert asked_again(()) == []
+    (step,) = asked_again(far[:1])
+    assert step == (
+        "Look at the value that was left out as a slip, and measure there again if it matters: "
+        "EXX at 250 mm in 'night shift' (-31 µm)."
+    )
+
+
+def test_an_answer_says_that_it_is_not_about_most_of_the_values():
+    made = make_campaign(7, None, 3.0, visits=10, days=3)
+    sensors = [sensor["name"] for sensor in made.machine["sensors"]]
+    hot = [
+        body | {"temperatures_c": {name: body["temperatures_c"][name] + 30.0 for name in sensors}}
+        for body in made.readings
+    ]
+    begins = made.verifications[6]["observations"][0]["time"]
+    readings = [h if b["time"] >= begins else b for b, h in zip(made.readings, hot, strict=True)]
+    machine = made.machine | {"out_of_range": "clamp"}
+    campaign = campaign_of_bodies(machine, made.error_maps, readings, made.verifications)
+    answer = analyse(campaign, kinds=["backlash"])
+    out = sum(one.count for one in answer.excluded if one.reason == BEYOND_THE_MAPS)
+    count = sum(len(body["observations"]) for body in made.verifications)
+    assert out > count // 5
+    assert "values took no part (" in answer.summary
+    assert f"{out} {BEYOND_THE_MAPS}" in answer.summary
+    assert any(step.startswith("Measure maps at the temperatures of") for step in answer.what_next)
+    assert not any(step.startswith("Nothing needs to be done") for step in answer.what_next)
 
 
 def test_values_that_are_off_by_the_same_send_people_to_what_was_on():

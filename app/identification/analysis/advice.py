@@ -9,18 +9,22 @@ from typing import Final
 from app.arrays import FloatArray
 from app.effects.claim import Named
 from app.effects.registry import do_the_same, kind_of
-from app.errors import capitalised, list_names
+from app.errors import capitalised, counted, list_names
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.analysis.shown_by_few import hours_of_day
+from app.identification.residuals.residuals import BEYOND_THE_MAPS, LeftOut
 from app.search.findings import Status
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.search import MOST_TERMS
 
 ENOUGH_VISITS: Final = 20
 """From so many visits on no more are asked for."""
+
+MUCH: Final = 0.1
+"""Where so large a share of the values took no part, the answer says so."""
 
 MOST_NAMED: Final = 3
 """So many effects the summary names; the answer lists all."""
@@ -88,6 +92,45 @@ def summary(
     sensors = [name for one in effects for name in one.sensors]
     sensors += [name for one in refitted for name in one.effect.sensors]
     return f"{capitalised(found, sensors)}. {changed}{rest}."
+
+
+def not_compared(left_out: Sequence[LeftOut], compared: int) -> tuple[str, str]:
+    """Say that a large part of the values could not be compared with the model, and what to do.
+
+    Parameters
+    ----------
+    left_out
+        Values that the model says nothing of, with the reasons.
+    compared
+        How many values it says something of.
+
+    Returns
+    -------
+    in_summary, to_do : str
+        Empty where few or none were left out.
+
+    Examples
+    --------
+    >>> not_compared([LeftOut("frozen", 3)], 97)
+    ('', '')
+    >>> said, to_do = not_compared([LeftOut(BEYOND_THE_MAPS, 80), LeftOut("frozen", 1)], 19)
+    >>> said
+    " 81 of 100 values took no part (80 outside the maps' temperatures, 1 frozen)."
+    """
+    count = sum(one.count for one in left_out)
+    if count < MUCH * (count + compared):
+        return "", ""
+    reasons = list_names([f"{one.count} {one.reason}" for one in left_out], MOST_NAMED)
+    share = f"{count} of {counted(count + compared, 'value')}"
+    beyond = sum(one.count for one in left_out if one.reason == BEYOND_THE_MAPS)
+    to_do = (
+        "Measure maps at the temperatures of these visits, or let the machine extrapolate "
+        f"(`out_of_range`): {share} took no part, {beyond} of them because they lie "
+        f"{BEYOND_THE_MAPS}."
+        if 2 * beyond >= count
+        else f"Find out why {share} took no part: {reasons}."
+    )
+    return f" {share} took no part ({reasons}).", to_do
 
 
 def _of_another_unit(components: Sequence[ComponentFigures], unit: str) -> str:

@@ -21,7 +21,7 @@ from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.adoption import Judged, is_refit_better, judge_help, shakes
-from app.identification.analysis.advice import mistakes_first, summary, what_next
+from app.identification.analysis.advice import mistakes_first, not_compared, summary, what_next
 from app.identification.analysis.analysis import Analysis, SmallestSeen, UnexplainedPart, by_reason
 from app.identification.analysis.assignments import judge_assignments, said_first
 from app.identification.analysis.before_after import (
@@ -299,12 +299,13 @@ def _answer(
     unit = figures_unit(found.residuals)
     far = far_values(found)
     denied = _contradiction(found)
+    not_seen, to_see = not_compared(found.residuals.left_out, len(found.residuals.rows))
     told = summary(
         *(verdict, described, refitted, unexplained, size, after, noise, unit, kinds, components)
     )
     return Analysis(
         verdict=verdict,
-        summary=told + (f" {denied.sentence}" if denied else "") + left_out_words(far),
+        summary=(told + (f" {denied.sentence}" if denied else "") + not_seen + left_out_words(far)),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -328,7 +329,7 @@ def _answer(
         detectable=tuple(_detectable(found)),
         what_next=what_next(
             *(described, unexplained, found.residuals.rows.visits, far),
-            [denied.to_state] if denied else [],
+            [*filter(None, (to_see, denied.to_state if denied else ""))],
             is_short_of_visits=any(one.reason == FEW_VISITS for one in findings.untested),
             is_cut=findings.is_cut,
             times_s=found.residuals.rows.times_s[found.use],

@@ -146,9 +146,11 @@ def asked_again(far: Sequence[FarValue]) -> list[str]:
         )
     single = [one for one in far if one.count == 1 and not one.is_alike]
     if single:
-        them = "the value that was" if len(single) == 1 else f"the {len(single)} values that were"
         found.append(
-            f"Look at {them} left out as slips, and measure there again if they matter: the "
-            f"furthest is {_named(single[0])}."
+            f"Look at the {len(single)} values that were left out as slips, and measure there "
+            f"again if they matter: the furthest is {_named(single[0])}."
+            if len(single) > 1
+            else "Look at the value that was left out as a slip, and measure there again if it "
+            f"matters: {_named(single[0])}."
         )
     return found

@@ -54,6 +54,9 @@ so many lean on one that the machine lives with it."""
 SLACK: Final = 5.0
 """Values in a wrong unit are a thousand times off, within this factor."""
 
+BEYOND_THE_MAPS: Final = "outside the maps' temperatures"
+"""Why values took no part that the maps do not reach."""
+
 LEAST_UM: Final = 1.0
 """Predictions below this are too small to tell a wrong unit from a good machine."""
 
@@ -262,10 +265,8 @@ def _reasons(
     """Say of each row why it cannot be judged, empty where it can."""
     reasons = np.full(len(rows), "", dtype=object)
     reasons[predicted == "not in the model"] = "the model does not have the component"
-    reasons[predicted == OUTSIDE_MAPS] = "outside the maps' temperatures"
-    reasons[(predicted == Status.CLAMPED) & _far_outside(model, rows, conditions)] = (
-        "outside the maps' temperatures"
-    )
+    reasons[predicted == OUTSIDE_MAPS] = BEYOND_THE_MAPS
+    reasons[(predicted == Status.CLAMPED) & _far_outside(model, rows, conditions)] = BEYOND_THE_MAPS
     silent = predicted == NO_READING
     reasons[silent] = NONE_NEAR
     if readings is not None and silent.any():
