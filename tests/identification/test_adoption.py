@@ -22,6 +22,7 @@ from app.identification.analysis.adoption import (
     OF_A_WALK,
     OF_ALIKE_SET_UPS,
     OF_EITHER,
+    OF_EITHER_MAP,
     OF_ONE_HOUR,
     ONCE_AS_WELL,
     is_refit_better,
@@ -106,6 +107,7 @@ def stated_search(
     mapped_s=(),
     share=None,
     hides_most=False,
+    rival_variant="",
 ):
     """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
@@ -150,7 +152,9 @@ def stated_search(
             tilt=rows.points_mm[:, :1],
         ),
         use=np.ones(len(rows), dtype=bool),
-        hypotheses={rival.key: Effect(rival.family, ("EXX",)) for rival in rivals},
+        hypotheses={
+            rival.key: Effect(rival.family, ("EXX",), variant=rival_variant) for rival in rivals
+        },
         findings=SimpleNamespace(
             known=None,
             refitted=(),
@@ -659,6 +663,34 @@ def test_what_is_no_surer_than_a_mistake_waits_for_it_too():
         terms=(term(status=Status.SUSPECTED), term(status=Status.SUSPECTED)),
     )
     assert said.helps[0].why_not.startswith(BESIDE_A_MISTAKE)
+
+
+@pytest.mark.parametrize(
+    ("rival", "rival_variant", "tied", "hides_most", "helps"),
+    [
+        ("wrong-map", "hot: shift", True, True, False),
+        ("wrong-map", "hot: shift", True, False, True),
+        ("wrong-map", "hot: shift", False, True, True),
+        ("wrong-map", "cold: slope", True, True, True),
+        ("map-temperature", "hot", True, True, False),
+        ("backlash", "", True, True, True),
+    ],
+)
+def test_where_set_ups_hide_which_of_two_maps_is_wrong_neither_is_adopted(
+    rival, rival_variant, tied, hides_most, helps
+):
+    right = swinging(campaign())
+    other = Rival(f"{rival} EXX", rival, None, 1.0, 0.95, tied)
+    said = judgement(
+        *(right, right),
+        kinds=("wrong-map",),
+        variant="cold: shift",
+        terms=(term(rivals=(other,)),),
+        hides_most=hides_most,
+        rival_variant=rival_variant,
+    )
+    assert said.helps == [(helps, None if helps else OF_EITHER_MAP)]
+    assert said.unsure == (set() if helps else {0})
 
 
 @pytest.mark.parametrize(

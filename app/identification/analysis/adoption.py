@@ -91,6 +91,11 @@ BY_THE_TABLES_ALONE: Final = (
     "because set-ups have zeros of their own: whatever resembles the tables along the axis would "
     "look the same; measure one position with the datum `absolute`, cold and hot"
 )
+OF_EITHER_MAP: Final = (
+    "another of its maps may be wrong instead, the other way round, and zeros of set-ups hide by "
+    "how much the two differ at all positions alike: measure one position with the datum "
+    "`absolute`, cold and hot"
+)
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
 )
@@ -110,7 +115,8 @@ class Judged(NamedTuple):
     Nobody is sure of the names of those that are `unsure`: a mistake that was found beside them may
     have made them, with them a visit that was held out gets markedly worse, one set-up alone shows
     what an instrument does as well as a machine, they never change at any of a few places, the
-    hour of the day may do the same, or the tables alone say most of it.
+    hour of the day may do the same, the tables alone say most of it, or it is one map's mistake or
+    another's.
     """
 
     helps: list[Help]
@@ -151,6 +157,7 @@ def judge_help(found: FinishedSearch, effects: Sequence[Effect]) -> Judged:
         or is_of_few_places(found, effect, term)
         or _is_of_one_hour(found, effect, term)
         or _is_by_the_tables_alone(found, effect, term)
+        or _is_of_either_map(found, effect, term)
     }
     while chosen := [i for i, words in enumerate(said) if words is None]:
         dropped = [
@@ -393,6 +400,8 @@ def _why_not(
         return OF_ONE_HOUR
     if _is_by_the_tables_alone(found, effect, term):
         return BY_THE_TABLES_ALONE
+    if _is_of_either_map(found, effect, term):
+        return OF_EITHER_MAP
     if kind_of(effect.kind).constant and any(WALKS in other.doubts for other in others):
         return BESIDE_A_WALK
     if OVER_TIME in term.doubts and (not_now := _why_not_any_more(found, effect, term)):
@@ -472,6 +481,19 @@ def _is_by_the_tables_alone(found: FinishedSearch, effect: Effect, term: FoundTe
     share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
     is_part = abs(share - 1.0) > ITSELF * error
     return is_part and found.expected_of(term).is_mostly_hidden
+
+
+def _is_of_either_map(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+    """Whether one map is said to be wrong that may as well be another, and set-ups hide which.
+
+    Between two maps one that is too high differs by a constant from the other one too low. Where
+    set-ups hide that constant they differ by all of it everywhere, and nobody knows which it is.
+    """
+    own = kind_of(effect.kind).which_map(effect.variant)
+    if not own or not found.expected_of(term).is_mostly_hidden:
+        return False
+    rivals = (found.hypotheses[rival.key] for rival in term.rivals if rival.tied)
+    return any(kind_of(one.kind).which_map(one.variant) not in ("", own) for one in rivals)
 
 
 def _is_other_sensor(effect: Effect) -> bool:
