@@ -144,7 +144,7 @@ def test_an_answer_says_that_it_is_not_about_most_of_the_values():
     count = sum(len(body["observations"]) for body in made.verifications)
     assert out > count // 5
     assert "values took no part (" in answer.summary
-    assert f"{out} {BEYOND_THE_MAPS}" in answer.summary
+    assert BEYOND_THE_MAPS in answer.summary
     assert any(step.startswith("Measure maps at the temperatures of") for step in answer.what_next)
     assert not any(step.startswith("Nothing needs to be done") for step in answer.what_next)
 

@@ -116,11 +116,14 @@ def not_compared(left_out: Sequence[LeftOut], compared: int) -> tuple[str, str]:
     >>> said, to_do = not_compared([LeftOut(BEYOND_THE_MAPS, 80), LeftOut("frozen", 1)], 19)
     >>> said
     " 81 of 100 values took no part (80 outside the maps' temperatures, 1 frozen)."
+    >>> not_compared([LeftOut("frozen", 30)], 70)[1]
+    'Find out why 30 of 100 values took no part: frozen.'
     """
     count = sum(one.count for one in left_out)
     if count < MUCH * (count + compared):
         return "", ""
-    reasons = list_names([f"{one.count} {one.reason}" for one in left_out], MOST_NAMED)
+    several = [f"{one.count} {one.reason}" for one in left_out]
+    reasons = list_names(several, MOST_NAMED) if len(left_out) > 1 else left_out[0].reason
     share = f"{count} of {counted(count + compared, 'value')}"
     beyond = sum(one.count for one in left_out if one.reason == BEYOND_THE_MAPS)
     to_do = (
