@@ -128,6 +128,13 @@ def test_values_that_were_left_out_are_named_with_their_size():
     )
 
 
+def test_until_when_it_may_be_used_is_said_of_what_helps():
+    until = "It may be used until Friday"
+    assert f"{until}." in advised(LAG | {"measure_again": until})
+    refused = {"helps": False, "why_not": "a walk would look the same"}
+    assert f"{until}." not in advised(LAG | refused | {"measure_again": until})
+
+
 def test_an_answer_says_that_it_is_not_about_most_of_the_values():
     made = make_campaign(7, None, 3.0, visits=10, days=3)
     sensors = [sensor["name"] for sensor in made.machine["sensors"]]

@@ -330,6 +330,7 @@ def _of_effect(effect: FoundEffect) -> list[str]:
         found.append(f"{capitalised(effect.leverage_warning)}.")
     if to_do := what_to_do(effect):
         found.append(to_do)
-    if effect.measure_again:
+    # Until when it may be used, is no advice about what is not known to help.
+    if effect.measure_again and effect.helps:
         found.append(f"{effect.measure_again}.")
     return found
