@@ -280,6 +280,8 @@ def from_rival(effect: Named, rival: Named, number: int | None = None) -> str:
     number
         The effect's in the answer, where it is to be said.
 
+    Examples
+    --------
     >>> from functools import partial
     >>> from types import SimpleNamespace
     >>> made = partial(SimpleNamespace, variant="", components=("EXX",), states=())
