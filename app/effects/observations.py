@@ -239,9 +239,14 @@ class ObservationRows:
         return np.isin(self.channel, numbers)
 
     @property
+    def channels_left(self) -> tuple[str, ...]:
+        """The channels that have a row: others had none that could be judged."""
+        return tuple(self.channels[i] for i in np.unique(self.channel).tolist())
+
+    @property
     def components(self) -> tuple[str, ...]:
         """The components that were observed by themselves."""
-        return tuple(name for name in self.channels if name not in POINT_CHANNELS)
+        return tuple(name for name in self.channels_left if name not in POINT_CHANNELS)
 
     @property
     def visits(self) -> int:

@@ -428,6 +428,17 @@ def test_directions_at_points_settle_by_themselves(view):
     assert moved == {"points y"}
 
 
+@pytest.mark.parametrize("channel", ["EXX", "points x"])
+def test_what_has_no_row_left_is_not_looked_for(view, channel):
+    """All of its rows were beyond the maps, and those of other channels were not."""
+    lost = view.rows.channels.index(channel)
+    kept = view.rows.channel != lost
+    conditions = view.conditions.take(np.flatnonzero(kept))
+    found = repertoire(CampaignView(view.model, view.maps, view.rows.take(kept), conditions))
+    assert found.hypotheses
+    assert channel not in view.rows.take(kept).channels_left
+
+
 LENGTHS = "instrument-compensation"
 LINES = ("EXX", "EYY", "EZZ")
 

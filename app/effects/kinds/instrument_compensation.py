@@ -147,7 +147,7 @@ def _cause(effect: Effect) -> str:
 def _measured_together(view: CampaignView) -> Iterator[tuple[str, ...]]:
     """List the channels in which one instrument may have read lengths."""
     lines = tuple(code for code in view.rows.components if _is_length(view, code))
-    points = tuple(name for name in POINT_CHANNELS if name in view.rows.channels)
+    points = tuple(name for name in POINT_CHANNELS if name in view.rows.channels_left)
     if lines:
         yield lines
     if points:
