@@ -75,6 +75,15 @@ def test_a_summary_names_what_matters_and_counts_the_rest():
     assert "more" not in summed_up(LAG, LAG, LAG)
 
 
+def test_of_several_effects_advice_says_which_it_is_about():
+    doubted = LAG | {"doubts": ["they change over time"], "leverage_warning": "two visits carry it"}
+    alone, several = advised(doubted), advised(STEP, doubted)
+    assert any(one.startswith("The measured values do not quite fit this effect") for one in alone)
+    assert any(one.startswith("Two visits carry it") for one in alone)
+    assert any(one.startswith("Effect 1: the measured values do not quite") for one in several)
+    assert any(one.startswith("Effect 1: two visits carry it") for one in several)
+
+
 def test_two_of_one_kind_are_told_apart_by_what_they_act_on():
     other = rival("thermal-lag", 208.0, tied=True, sensors=["bed"])
     (step, *_) = advised(LAG | {"alternatives": [other]})

@@ -214,8 +214,8 @@ def what_next(
     """
     found = [*mistakes_first(effects), *([CUT] if is_cut else [])]
     found += asked_again(far)
-    for effect in effects:
-        found += _of_effect(effect)
+    for number, effect in enumerate(effects):
+        found += _of_effect(effect, f"effect {number}: " if len(effects) > 1 else "")
     found += _look_at(unexplained)
     if visits < (ENOUGH_VISITS if is_short_of_visits else FEWEST_BLOCKS):
         found.append(
@@ -311,7 +311,14 @@ def _what(named: Named) -> str:
     return " with ".join(parts) + where
 
 
-def _of_effect(effect: FoundEffect) -> list[str]:
+def _of_effect(effect: FoundEffect, which: str) -> list[str]:
+    """Say what to do about one effect.
+
+    Parameters
+    ----------
+    which
+        Before what does not name it, where there are several.
+    """
     found = [
         f"{capitalised(a.separating_measurement)} (this separates {from_rival(effect.effect, a)})."
         for a in effect.ties[:2]
@@ -325,11 +332,10 @@ def _of_effect(effect: FoundEffect) -> list[str]:
             f"{list_names(effect.effect.components, 3)}, now {effect.status}: {shown_by}."
         )
     if effect.doubt:
-        found.append(
-            f"{capitalised(effect.doubt, effect.sensors)}: look for what else changes there."
-        )
+        doubt = capitalised(which + effect.doubt, effect.sensors)
+        found.append(f"{doubt}: look for what else changes there.")
     if effect.leverage_warning:
-        found.append(f"{capitalised(effect.leverage_warning)}.")
+        found.append(f"{capitalised(which + effect.leverage_warning)}.")
     if to_do := what_to_do(effect):
         found.append(to_do)
     # Until when it may be used, is no advice about what is not known to help.
