@@ -170,8 +170,11 @@ def analyse(
             store_verifications(thermap, machine, files, stored)
             ids = stored or chosen_verifications(thermap, machine, None)
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
-            job = thermap.analyse(machine, question)
-            _follow(thermap, machine, job.id)
+            with _CtrlC() as ctrl_c:
+                # Noted from here on: pressed before the answer comes, nobody would know which to
+                # cancel.
+                job = thermap.analyse(machine, question)
+                _follow(thermap, machine, job.id, ctrl_c)
         content = thermap.content(loop_calls.analysis(machine, job.id))
         result = _result(content)
         if not json:
@@ -363,7 +366,7 @@ def _why_lacking(
     return "; ".join(reasons)
 
 
-def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
+def _follow(thermap: ThermapClient, machine: str, analysis_id: int, ctrl_c: _CtrlC) -> None:
     """Show how far it is until it is done; Ctrl-C cancels it.
 
     Raises
@@ -374,10 +377,7 @@ def _follow(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     console = Console(stderr=True)
     hidden = not console.is_terminal
-    with (
-        _CtrlC() as ctrl_c,
-        Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress,
-    ):
+    with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress:
         task = progress.add_task("waiting", total=1.0)
         while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
             words = job.message or str(job.status)

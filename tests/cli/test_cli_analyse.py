@@ -390,6 +390,22 @@ def test_ctrl_c_while_an_answers_shape_is_compiled_ends_it_too(
     assert client.machine(MACHINE_ID).active_model == before
 
 
+def test_ctrl_c_before_the_service_has_answered_cancels_what_it_began(thermap, client, monkeypatch):
+    client.store_verification(MACHINE_ID, small_campaign().verifications[0])
+    ask = ThermapClient.analyse
+
+    def pressed_meanwhile(self, *question):
+        job = ask(self, *question)
+        signal.raise_signal(signal.SIGINT)
+        return job
+
+    monkeypatch.setattr(ThermapClient, "analyse", pressed_meanwhile)
+    found = thermap("analyse", MACHINE_ID, "--effects", "backlash")
+    assert found.exit_code == 130, found.output
+    assert "analysis 1" in found.stderr
+    assert client.analysis(MACHINE_ID, 1).status not in ("waiting", "running")
+
+
 @pytest.mark.slow
 def test_a_plan_says_what_would_be_seen_and_stores_nothing(thermap, client, tmp_path):
     """From CSV without a value, and from JSON whose values are not looked at."""
