@@ -365,6 +365,7 @@ def test_ctrl_c_cancels_it(client, start, service_url):
     assert client.analysis(MACHINE_ID, jobs[0].id).status == "cancelled"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_done", [False, True])
 def test_ctrl_c_while_an_answers_shape_is_compiled_ends_it_too(
     thermap, client, monkeypatch, is_done

@@ -724,6 +724,7 @@ def test_a_refit_holds_only_where_held_out_setups_agree(was, becomes, visits, is
     assert not is_refit_better(found, [0], becomes * right)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("maps_at", "helps"), [("12:00", False), ("09:00", True)])
 def test_maps_say_when_they_were_measured(maps_at, helps):
     """All visits begin between a quarter past eight and a quarter to ten."""

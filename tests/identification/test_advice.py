@@ -144,6 +144,7 @@ def test_until_when_it_may_be_used_is_said_of_what_helps():
     assert f"{until}." not in advised(LAG | refused | {"measure_again": until})
 
 
+@pytest.mark.slow
 def test_an_answer_says_that_it_is_not_about_most_of_the_values():
     made = make_campaign(7, None, 3.0, visits=10, days=3)
     sensors = [sensor["name"] for sensor in made.machine["sensors"]]

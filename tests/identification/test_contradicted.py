@@ -63,6 +63,7 @@ def test_a_wrong_number_neither_keeps_an_effect_from_being_adopted_nor_hides_it(
     assert report.overall.repeatability == pytest.approx(found.noise, rel=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [1 / 3, 1.0, 3.0])
 def test_residuals_are_held_against_what_lengths_show(stated):
     """Nearly all of them exceeded a number three times too small, and none one too large."""

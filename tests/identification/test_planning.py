@@ -50,6 +50,7 @@ def test_collinear_rivals_are_named_with_what_separates_them(planned):
     assert all(e.rival.separating_measurement for e in hard)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_reads_in_coarse_steps_lets_less_be_seen(planned):
     """Of what follows it alone: a reversal is as small as before."""
     history, _ = readings()
@@ -201,6 +202,7 @@ def test_where_the_maps_know_nothing_only_the_instrument_can_be_seen():
     assert [e.kind for e in found.effects] == ["instrument-warm-up"]
 
 
+@pytest.mark.slow
 def test_what_is_not_seen_of_one_map_is_said_of_that_map():
     """Else the same components stand there again and again, beside those that are seen."""
     found = plan(campaign_of(observations()[:1]), 1)
