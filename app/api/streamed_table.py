@@ -6,16 +6,16 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-import numpy as np
 import orjson
 from pydantic import TypeAdapter
 
+from app.api.rounding import DECIMALS
 from app.api.table_json import OPTIONS, current_table_json
-from app.arrays import FloatArray
+from app.compensation.table_steps import Curves, curves_of
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
 from app.services.context import Context
-from app.services.live_table import CurrentState, current_table
+from app.services.live_table import CurrentState, CurrentTable, current_table
 from app.services.status import Stored, status_of
 from app.status.machine_status import MachineStatus
 
@@ -36,26 +36,30 @@ class Table:
     ----------
     number
         Later tables of this service have larger ones.
-    content
-        The JSON of `GET …/compensation`; empty in those that are remembered.
-    layout
-        Which numbers `values` are: tables of other positions or components cannot be compared.
-    values
-        All errors and compensations, in their order; empty without a table.
+    curves
+        All errors as they are written; None without a table.
     facts
         Completeness, model version and the sensors' health.
+    content
+        The JSON of `GET …/compensation`; empty in those that are remembered.
+    current
+        The table that it is written from; None in those that are remembered, too.
     """
 
     number: int
-    content: bytes
-    layout: bytes
-    values: FloatArray
+    curves: Curves | None
     facts: tuple[Any, ...]
+    content: bytes = b""
+    current: CurrentTable | None = None
 
     @property
-    def has_values(self) -> bool:
-        """Whether there is a table."""
-        return bool(self.layout)
+    def bytes(self) -> int:
+        """What its numbers take."""
+        return sum(
+            entry.errors.nbytes * (1 if entry.backward_errors is None else 2)
+            + entry.positions_mm.nbytes
+            for entry in (self.curves or {}).values()
+        )
 
 
 @dataclass(slots=True)
@@ -87,14 +91,11 @@ class Feed:
 
 def remember(tables: OrderedDict[int, Table], table: Table) -> None:
     """Keep what a later table is compared with, for those who come back."""
-    layout = table.layout
-    if tables and (last := tables[next(reversed(tables))]).layout == layout:
-        layout = last.layout  # most often the same: all share one
-    tables[table.number] = replace(table, content=b"", layout=layout)
-    taken = sum(one.values.nbytes for one in tables.values())
+    tables[table.number] = replace(table, content=b"", current=None)
+    taken = sum(one.bytes for one in tables.values())
     while len(tables) > REMEMBERED or taken > REMEMBERED_BYTES:
         _, oldest = tables.popitem(last=False)
-        taken -= oldest.values.nbytes
+        taken -= oldest.bytes
 
 
 def write_table(
@@ -107,14 +108,13 @@ def write_table(
         except ThermapError as why:
             state = why
         else:
-            content = current_table_json(current)
-            values, layout = _values_of(orjson.loads(content))
             facts = (
                 current.table.complete,
                 current.table.model_version,
                 *((s.sensor, s.health) for s in current.state.sensors),
             )
-            return Table(number, content, layout, values, facts)
+            curves = curves_of(current.table.components, DECIMALS)
+            return Table(number, curves, facts, current_table_json(current), current)
     content = orjson.dumps(
         {
             "machine": machine_id,
@@ -125,7 +125,13 @@ def write_table(
         },
         option=OPTIONS,
     )
-    return Table(number, content, b"", np.empty(0), (False, state.detail))
+    return Table(number, None, (False, state.detail), content)
+
+
+def write_step(current: CurrentTable, curves: Curves) -> bytes:
+    """Write a table with the errors of a step on the way to its own."""
+    table = current.table._replace(corrected=tuple(curves.values()))
+    return current_table_json(replace(current, table=table), stepping=True)
 
 
 def judge_anew(context: Context, live: LiveMachine, feed: Feed, stored: Stored) -> bool:
@@ -140,42 +146,3 @@ def judge_anew(context: Context, live: LiveMachine, feed: Feed, stored: Stored) 
     feed.status_key = key
     feed.status = _STATUS.dump_json(status)
     return True
-
-
-def _is_value(name: str) -> bool:
-    """Whether a field of a component changes with the errors, in proportion."""
-    return "standard" not in name and any(
-        part in name for part in ("error", "slope", "compensation")
-    )
-
-
-def _values_of(document: dict[str, Any]) -> tuple[FloatArray, bytes]:
-    """Set all errors and compensations of a table in a row, and say which they are."""
-    values: list[float] = []
-    layout = []
-    for component in document["components"]:
-        names = [name for name in component if _is_value(name)]
-        layout.append([component["component"], component.get("positions_mm"), names])
-        for name in names:
-            own = component[name]
-            values += own if isinstance(own, list) else [own]
-    return np.array(values), orjson.dumps(layout)
-
-
-def with_values(content: bytes, values: FloatArray, *, is_stepping: bool) -> bytes:
-    """Write other values into a table, and whether more of them are on the way."""
-    document = orjson.loads(content)
-    document["stepping"] = is_stepping
-    at = 0
-    for component in document["components"]:
-        for name in component:
-            if not _is_value(name):
-                continue
-            if isinstance(component[name], list):
-                n = len(component[name])
-                component[name] = values[at : at + n].tolist()
-            else:
-                n = 1
-                component[name] = float(values[at])
-            at += n
-    return orjson.dumps(document, option=OPTIONS)

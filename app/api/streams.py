@@ -17,13 +17,14 @@ from contextlib import aclosing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
+from app.api.rounding import DECIMALS
 from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, Sees, StreamedLog
-from app.api.streamed_table import Feed, Table, judge_anew, remember, with_values, write_table
-from app.arrays import FloatArray
+from app.api.streamed_table import Feed, Table, judge_anew, remember, write_step, write_table
+from app.api.table_json import current_table_json
+from app.compensation.table_steps import Curves, have_same_layout, largest_change, step_towards
 from app.connections.connection import TableEvent
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
@@ -327,6 +328,7 @@ class Follower:
         self._sent = feed.known(wanted.last_number)
         self._facts = None if self._sent is None else self._sent.facts
         self._status_key: tuple[Any, ...] | None = None
+        self._compared: int | None = None
         self._next_step_s = 0.0
         self.is_stepping = False
 
@@ -343,56 +345,53 @@ class Follower:
             yield "status", 0 if self._sent is None else self._sent.number, feed.status
         if "table" not in self._wanted.kinds:
             return
-        if table.has_values and (self._has_changed(table) or self.is_stepping):
-            if self.is_stepping and now_s < self._next_step_s:
-                return
-            yield self._step(feed, table, now_s, next_number)
-        elif table.facts != self._facts:
-            self._facts = table.facts
-            if not table.has_values:
+        if self.is_stepping and table.curves is not None:
+            if now_s >= self._next_step_s:
+                yield ("table", *self._step(feed, table, now_s, next_number))
+            return
+        if table.number == self._compared:
+            return
+        self._compared = table.number
+        if table.curves is None:
+            if table.facts != self._facts:
+                self._facts = table.facts
                 self._sent = None  # who has no table begins anew with the next one
                 self.is_stepping = False
-            yield "state", table.number, table.content
+                yield "state", table.number, table.content
+        elif self._has_changed(table.curves):
+            yield ("table", *self._step(feed, table, now_s, next_number))
+        elif table.facts != self._facts:
+            yield ("state", *self._step(feed, table, now_s, next_number))
 
-    def _has_changed(self, table: Table) -> bool:
+    def _has_changed(self, curves: Curves) -> bool:
         """Whether a value has changed by more than the follower leaves aside."""
-        sent = self._sent
-        if sent is None or sent.layout != table.layout:
+        sent = None if self._sent is None else self._sent.curves
+        if sent is None or not have_same_layout(sent, curves):
             return True
-        return _largest(table.values - sent.values) > self._wanted.min_change + _ROUNDING
+        return largest_change(sent, curves) > self._wanted.min_change + _ROUNDING
 
     def _step(
         self, feed: Feed, table: Table, now_s: float, next_number: Callable[[], int]
-    ) -> tuple[str, int, bytes]:
+    ) -> tuple[int, bytes]:
         """Send the table, or as much of the way to it as the follower takes at once."""
-        sent, limit = self._sent, self._wanted.max_step
-        share = 1.0
-        if limit is not None and sent is not None and sent.layout == table.layout:
-            largest = _largest(table.values - sent.values)
-            if largest > limit + _ROUNDING:
-                share = limit / largest
+        limit, sent = self._wanted.max_step, None if self._sent is None else self._sent.curves
         self._facts = table.facts
-        self.is_stepping = share < 1.0
-        if limit is None:
+        if limit is None or table.curves is None or table.current is None:
             self._sent = table
-            return "table", table.number, table.content
+            return table.number, table.content
         self._next_step_s = now_s + STEP_S
+        change = 0.0 if sent is None else largest_change(sent, table.curves)
+        self.is_stepping = change > limit + _ROUNDING
         if not self.is_stepping or sent is None:
             self._sent = table
-            content = with_values(table.content, table.values, is_stepping=False)
-            return "table", table.number, content
-        values = np.round(sent.values + share * (table.values - sent.values), 4) + 0.0
-        content = with_values(table.content, values, is_stepping=True)
-        self._sent = Table(next_number(), content, table.layout, values, table.facts)
+            return table.number, current_table_json(table.current, stepping=False)
+        curves = step_towards(sent, table.curves, limit / change, DECIMALS)
+        self._sent = Table(next_number(), curves, table.facts)
         remember(feed.steps, self._sent)
-        return "table", self._sent.number, content
+        return self._sent.number, write_step(table.current, curves)
 
 
 def _written(event: StreamEvent) -> bytes:
     if not event.name:
         return format_sse_event(id=event.id)
     return format_sse_event(event=event.name, id=event.id, data_str=event.content.decode())
-
-
-def _largest(differences: FloatArray) -> float:
-    return float(np.abs(differences).max(initial=0.0))

@@ -57,8 +57,11 @@ def table_json(table: CompensationTable) -> bytes:
     return orjson.dumps(_table_fields(table), option=OPTIONS)
 
 
-def current_table_json(current: CurrentTable) -> bytes:
-    """Write the table at the latest reading as `CurrentCompensationAnswer`."""
+def current_table_json(current: CurrentTable, *, stepping: bool | None = None) -> bytes:
+    """Write the table at the latest reading as `CurrentCompensationAnswer`.
+
+    `stepping` says to those who limit steps whether more tables are on the way.
+    """
     state = current.state
     fields = _table_fields(current.table) | {
         "reading_time": state.reading.time,
@@ -66,6 +69,8 @@ def current_table_json(current: CurrentTable) -> bytes:
         "stale": is_stale(state),
         "sensors": [sensor._asdict() for sensor in state.sensors],
     }
+    if stepping is not None:
+        fields["stepping"] = stepping
     return orjson.dumps(fields, option=OPTIONS)
 
 

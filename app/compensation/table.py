@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from app.arrays import FloatArray
 from app.errors import SensorUnavailable, list_names
 from app.geometry.components import ORDER, Component
@@ -90,6 +92,25 @@ class ComponentCompensation:
     def backward_compensation(self) -> FloatArray | None:
         """The same approached backward; None where the maps have one direction."""
         return None if self.backward_errors is None else 0.0 - self.backward_errors
+
+    def errors_at(self, positions_mm: FloatArray, *, is_backward: bool = False) -> FloatArray:
+        """Give the errors at positions as a controller does: straight between its own.
+
+        Parameters
+        ----------
+        positions_mm : ndarray, shape (n,); empty for a component without argument
+
+        Returns
+        -------
+        ndarray, shape (n,), or (1,) without positions [its unit]
+            Beyond the ends the value there; approached backward where there is such a table.
+        """
+        values = self.errors
+        if is_backward and self.backward_errors is not None:
+            values = self.backward_errors
+        if self.positions_mm.size < 2:
+            return np.broadcast_to(values, (max(positions_mm.size, 1),))
+        return np.interp(positions_mm, self.positions_mm, values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,10 @@ def _change(before: ComponentCompensation, after: ComponentCompensation) -> Comp
     positions = _common(before.positions_mm, after.positions_mm)
     if after.component.is_table and not positions.size:
         return None
-    sides = [_errors(after, positions, b) - _errors(before, positions, b) for b in (False, True)]
+    sides = [
+        after.errors_at(positions, is_backward=b) - before.errors_at(positions, is_backward=b)
+        for b in (False, True)
+    ]
     side = int(np.abs(sides[1]).max() > np.abs(sides[0]).max())
     at = int(np.abs(sides[side]).argmax())
     return ComponentChange(
@@ -72,12 +75,3 @@ def _common(one: FloatArray, other: FloatArray) -> FloatArray:
     low, high = max(p[0] for p in ranges), min(p[-1] for p in ranges)
     found: FloatArray = union[(union >= low) & (union <= high)]
     return found
-
-
-def _errors(entry: ComponentCompensation, positions_mm: FloatArray, backward: bool) -> FloatArray:
-    values = entry.errors
-    if backward and entry.backward_errors is not None:
-        values = entry.backward_errors
-    if entry.positions_mm.size < 2:
-        return np.broadcast_to(values, (max(positions_mm.size, 1),))
-    return np.interp(positions_mm, entry.positions_mm, values)

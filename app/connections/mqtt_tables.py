@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from app.compensation.table_steps import SMALLEST_STEP
 from app.connections.connection import (
     ConnectionTable,
     ShortName,
@@ -148,7 +149,7 @@ class MqttTable(ConnectionTable):
         Annotated[str, Field(pattern=r"^[^/+#$][^+#]*[^/+#]$|^[^/+#$]$", max_length=200)] | None
     ) = None
     min_change_um: float = Field(0.1, ge=0.0, le=1e6)
-    max_step_um: float | None = Field(None, gt=0.0, le=1e6)
+    max_step_um: float | None = Field(None, ge=SMALLEST_STEP, le=1e6)
 
     @field_validator("password", mode="before")
     @classmethod

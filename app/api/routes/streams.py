@@ -15,6 +15,7 @@ from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.router import Router
 from app.api.short_way.service import WITHOUT_BODY
 from app.api.streams import TABLES, TableStreams, Wanted
+from app.compensation.table_steps import SMALLEST_STEP
 
 router = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])
 
@@ -72,11 +73,12 @@ MinChange = Annotated[
 MaxStep = Annotated[
     float | None,
     Query(
-        gt=0.0,
+        ge=SMALLEST_STEP,
         allow_inf_nan=False,
-        description="No value changes by more than this from one table to the next [µm; angular "
-        "components µrad, squareness µm/m]: a larger change comes in several tables, one a second, "
-        "that say `stepping`; a jump would mark the surface",
+        description="No value changes by more than this from one table to the next, at any "
+        "position [µm; angular components µrad, squareness µm/m]: a larger change comes in several "
+        "tables, one a second, that say `stepping` and have the positions of both; a component "
+        "comes from 0 and goes to 0. A jump would mark the surface",
     ),
 ]
 Heartbeat = Annotated[
