@@ -80,8 +80,8 @@ def step_towards(before: Curves, after: Curves, share: float, decimals: int) -> 
             start = _errors(before, code, at_mm, is_backward)
             way = share * (_errors(after, code, at_mm, is_backward) - start)
             grid = (start + way) * 10**decimals
-            toward_start = np.where(way > 0.0, np.floor(grid + _ROUNDING), np.ceil(grid - _ROUNDING))
-            sides.append(toward_start / 10**decimals + 0.0)
+            down, up = np.floor(grid + _ROUNDING), np.ceil(grid - _ROUNDING)
+            sides.append(np.where(way > 0.0, down, up) / 10**decimals + 0.0)
         entry = after.get(code) or before[code]
         has_backward = any(
             code in table and table[code].backward_errors is not None for table in (before, after)
