@@ -153,7 +153,9 @@ class BinAnswer(Shape):
     """95th percentile of the size [µm; angular components µrad, squareness µm/m]"""
 
     share_above_repeatability: float | None
-    """Share that exceeds the repeatability in size"""
+    """Share that exceeds the repeatability in size, and that of a zero that was measured too; noise
+    alone: 0.32
+    """
 
 
 class CauseAnswer(Shape):
@@ -1710,7 +1712,8 @@ class SizeAnswer(Shape):
     """
 
     share_above_repeatability: float | None
-    """Share that exceeds it in size; noise alone: 0.32"""
+    """Share that exceeds it in size, with that of a zero that was measured too; noise alone: 0.32
+    """
 
     zero: Literal["absolute", "first", "removed"]
     """What its figures are relative to, as in an analysis"""

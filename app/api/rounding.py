@@ -22,6 +22,9 @@ DECIMALS: Final = 4
 DIGITS: Final = 9
 """Of ratios, standard deviations and figures of different units."""
 
+MOST_EXACT: Final = 22
+"""The largest power of ten that a number holds exactly."""
+
 UNIX_DECIMALS: Final = 3
 """Of times in seconds since 1970, of which nine digits would be ten seconds."""
 
@@ -45,6 +48,18 @@ def to_digits(number: float) -> float:
     (0.333333333, 3.33333333e-13)
     """
     return float(f"{number:.{DIGITS}g}") + 0.0
+
+
+def to_digits_of(numbers: FloatArray) -> FloatArray:
+    """Round an array as `to_digits` does a number.
+
+    >>> to_digits_of(np.array([1.0 / 3.0, 0.0, -2e6 / 3.0])).tolist()
+    [0.333333333, 0.0, -666666.667]
+    """
+    size = np.abs(numbers)
+    exponent = np.floor(np.log10(size, where=size > 0.0, out=np.zeros_like(size)))
+    scale = 10.0 ** np.clip(DIGITS - 1 - exponent, -MOST_EXACT, MOST_EXACT)
+    return np.asarray(np.round(numbers * scale) / scale + 0.0)
 
 
 def to_digits_or_ms(number: float) -> float:

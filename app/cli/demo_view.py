@@ -39,7 +39,7 @@ def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
         table.add_row(
             "" if row.stored else row.run,
             maps or "none",
-            *(f"{number:.2f}" for number in (*numbers, *angles)),
+            *(f"{number:z.2f}" for number in (*numbers, *angles)),
             style="bold" if len(row.stored) > 2 else "",
         )
     return Group(

@@ -205,5 +205,5 @@ def _cells(size: SizeAnswer) -> list[str]:
     guessed = "~" if "residuals" in size.repeatability_origin else ""
     known = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
     name = "all lengths" if size.component == "all" else size.component
-    numbers = (f"{size.mean:+.2f}", f"{size.rms:.2f}", f"{size.p95:.2f}", known)
+    numbers = (f"{size.mean:+z.2f}", f"{size.rms:.2f}", f"{size.p95:.2f}", known)
     return [name, size.unit, str(size.count), *numbers]

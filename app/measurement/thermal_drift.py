@@ -332,8 +332,9 @@ def _figures(
             place = f"_P{number}" if targets_mm.size else ""
             figures |= _figures_of(name.upper() + place, UNITS[name], course, running_s)
         if test is DriftTest.LINEAR_AXIS and targets_mm.size > 1 and running_s is not None:
-            ends = [course.at(running_s[1]) for course in (of_targets[0], of_targets[-1])]
-            slope = (ends[1] - ends[0]) / float(np.ptp(targets_mm)) * UM_PER_MM
+            since, until = running_s
+            first, last = (c.at(until) - c.at(since) for c in (of_targets[0], of_targets[-1]))
+            slope = (last - first) / float(np.ptp(targets_mm)) * UM_PER_MM
             figures[f"{name.upper()}_slope_change_{UNITS[name]}_per_m"] = slope
     return figures
 

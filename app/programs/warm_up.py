@@ -104,7 +104,7 @@ def warm_up_program(
     walk.begin()
     for step in steps:
         walk.step(step, every_min)
-    walk.path.spindle(0.0)
+    walk.spindle(0.0)
     walk.path.retract()
     path = walk.path
     said = ", ".join(f"{s.speed_rpm:g} 1/min for {s.minutes:g} min" for s in steps)
@@ -196,7 +196,16 @@ class _Walk:
         self.spin_down_s = spin_down_s
         self.in_place = in_place
         self.readings: list[Reading] = []
-        self.turned_s: list[tuple[float, float]] = []
+        self.running_s: tuple[float, float] | None = None
+
+    def spindle(self, speed_rpm: float) -> None:
+        """Turn the spindle, or stop it with 0; note from its first start to its last stop [s]."""
+        now_s = self.path.seconds
+        if self.running_s is None:
+            self.running_s = (now_s, now_s) if speed_rpm else None
+        elif self.path.speed_rpm:
+            self.running_s = (self.running_s[0], now_s)
+        self.path.spindle(speed_rpm)
 
     def begin(self) -> None:
         """Stand at the first position for the operator, then read everything cold."""
@@ -215,12 +224,10 @@ class _Walk:
             if not self.in_place:
                 self.path.retract()
             if turns or self.in_place:
-                self.path.spindle(step.speed_rpm)
-            begun_s = self.path.seconds
+                self.spindle(step.speed_rpm)
             self.path.dwell(pause_s)
-            self.turned_s += [(begun_s, self.path.seconds)] if turns else []
             if turns and not self.in_place:
-                self.path.spindle(0.0)
+                self.spindle(0.0)
                 self.path.dwell(self.spin_down_s)
             self._read_all(step.speed_rpm)
 
@@ -249,13 +256,14 @@ def _drift_file(
         _SPEEDS,
         "# label: ",
         f"# machine: {machine.id}",
-        f"# test: {'spindle' if walk.turned_s else 'environment'}",
+        f"# test: {'spindle' if walk.running_s else 'environment'}",
         f"# point_mm: {', '.join(repr(mm) for mm in readings[0].place_mm)}",
     ]
-    if walk.turned_s:
+    if walk.running_s:
         # The first reading with a speed is late by a pause: the growth until then counts too.
-        lines.append(f"# running_from: {planned_time(walk.turned_s[0][0], start_s)}")
-        lines.append(f"# running_to: {planned_time(walk.turned_s[-1][1], start_s)}")
+        since_s, until_s = walk.running_s
+        lines.append(f"# running_from: {planned_time(since_s, start_s)}")
+        lines.append(f"# running_to: {planned_time(until_s, start_s)}")
     if sensor_distance_mm is not None:
         lines.append(f"# sensor_distance_mm: {sensor_distance_mm!r}")
     columns = [TIME_COLUMNS, *sensors, *(f"temperature {name}" for name in machine.sensors)]

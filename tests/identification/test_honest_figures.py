@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import partial
+from math import erf, sqrt
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,14 +15,21 @@ from app.identification.analysis.analyse import analyse
 from app.identification.analysis.before_after import (
     UnknownZero,
     pooled_figures,
+    scatter_in_repeatabilities,
     without_zeros,
     zero_of,
 )
-from app.identification.analysis.curves import mean_variances, of_one_unit
+from app.identification.analysis.curves import mean_variances, of_one_unit, seen_apart
 from app.identification.analysis.figures import ComponentFigures, Figures
-from app.identification.analysis.residual_report import residual_report
+from app.identification.analysis.residual_report import (
+    ResidualFigures,
+    Size,
+    residual_report,
+)
 from app.identification.campaign import residuals_of
 from app.identification.observed_scatter import observed_scatter
+from app.identification.residuals.summary import share_above
+from app.pages.residuals_page.head import size_sentence
 from app.search.findings import ChannelNoise, Figure, Floor, HeldOut
 from app.search.rows import Nuisance
 from app.simulation.undeclared import make_campaign
@@ -44,6 +52,30 @@ def report_of(campaign):
 
 def answer_of(campaign):
     return json.loads(RESULTS.text(analyse(campaign, kinds=["backlash"])))
+
+
+@pytest.mark.parametrize("datum", ["absolute", "first", "free"])
+def test_what_an_effect_explains_counts_from_the_zero_of_the_points(datum):
+    """A reversal of 6 µm, zeroed where one direction was read: at 0 and −6, and not at ±3."""
+    campaign = campaign_with(datum, "backlash")
+    (curve,) = answer_of(campaign)["plots"]["effects"]
+    before, after, explained = (np.array(curve[n]) for n in ("before", "after", "explained"))
+    np.testing.assert_allclose(before - after, explained, atol=2e-3)
+    assert set(curve["direction"]) == {1.0, -1.0}
+
+
+def test_points_that_are_drawn_stand_for_both_directions_and_for_every_extreme():
+    """There and back over 20 places, in 50 runs: no stride may leave one direction out."""
+    way = np.concatenate([np.arange(20), np.arange(20)[::-1]])
+    place, side = np.tile(50.0 * way, 50), np.tile(np.repeat([1.0, -1.0], 20), 50)
+    values = 3.0 * side + np.random.default_rng(1).normal(0.0, 0.2, side.size)
+    values[777] = 30.0
+    chosen = seen_apart(400, place, values, side)
+    assert len(chosen) <= 400
+    assert 777 in chosen
+    assert values.argmin() in chosen
+    seen = set(zip(place[chosen], side[chosen], strict=True))
+    assert seen == set(zip(place, side, strict=True))
 
 
 def test_what_counts_from_the_first_observation_and_what_from_the_mean():
@@ -82,6 +114,30 @@ def test_a_curve_is_of_the_unit_in_which_an_effect_explains_most(noise_urad, kep
     )
     assert of_one_unit(found, None, np.arange(4)).tolist() == kept
     assert of_one_unit(found, None, np.array([2])).tolist() == [2]
+
+
+@pytest.mark.parametrize("is_first", [None, True, False])
+@pytest.mark.parametrize("count", [2, 5, 60])
+def test_noise_alone_exceeds_its_own_scatter_as_often_as_a_normal_distribution(is_first, count):
+    """P(|z| > 1) = 1 − erf(1/√2) = 0.3173 whatever the zero is."""
+    setups = 40_000 // count
+    noise = np.random.default_rng(2).normal(0.0, 0.5, count * setups)
+    blocks = np.arange(count * setups).reshape(setups, count)
+    zeros = [] if is_first is None else [UnknownZero(rows, is_first) for rows in blocks]
+    scatter = 0.5 * scatter_in_repeatabilities(zeros, noise.size)
+    found = share_above(without_zeros(zeros, noise), scatter)
+    assert found == pytest.approx(1.0 - erf(1.0 / sqrt(2.0)), abs=0.012)
+
+
+def test_what_an_instrument_was_zeroed_at_is_said_to_scatter_too():
+    size = Size("EXX", "µm", 9, 0.0, 1.4, 2.0, 1.0, "declared", 0.32, "first")
+    assert size.ratio == pytest.approx(1.4 / sqrt(2.0))
+    assert replace(size, zero="absolute").ratio == pytest.approx(1.4)
+    assert "1.00 µm, √2 of it from a first observation, as 32\u00a0% would" in size_sentence(
+        ResidualFigures(overall=size, components=[size], summaries=[], excluded=[])
+    )
+    alone = share_above(np.array([0.0]), np.array([0.0]))
+    assert alone is None
 
 
 @pytest.mark.slow

@@ -184,7 +184,7 @@ def test_rows_for_the_search():
 def test_summaries_by_hand():
     own = residuals_of(observations())
     values = np.where(own.rows.directions[:, 0] > 0, 3.0, -1.0)
-    found = {s.over: s for s in summarise(own, values, repeatability_um=2.0)}
+    found = {s.over: s for s in summarise(own, values, np.full(len(values), 2.0))}
     exx = next(b for b in found["component"].bins if b.label == "EXX")
     # Half of the rows came from each side.
     assert (exx.count, exx.mean, exx.p95, exx.share_above_repeatability) == (96, 1.0, 3.0, 0.5)

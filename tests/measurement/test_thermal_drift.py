@@ -133,6 +133,27 @@ def test_each_target_of_a_moving_axis_counts_from_its_own_first_reading():
     assert found.result.measuring_lines["x"].point_mm == (0.0, 200.0, 300.0)
 
 
+def test_the_slope_changes_from_the_start_of_running():
+    """ISO 230-3:2020, moving linear axes: the machine drifts by 40 µm/m before the axis moves.
+
+    By hand: it stands for an hour while the second target drifts by 40 µm/m · 0.5 m; then the axis
+    runs for two hours, and the screw grows by 20 (1 − exp(−t/1 h)) µm/m.
+    """
+    hours = np.arange(0.0, 3.01, 0.125)
+    places = np.where(np.arange(hours.size) % 2, 550.0, 50.0)
+    before = 40.0 * np.minimum(hours, 1.0)
+    grown = 20.0 * (1.0 - np.exp(-np.maximum(hours - 1.0, 0.0)))
+    found = evaluate_thermal_drift(
+        XYFZ, "linear-axis", 3600.0 * hours, {"x": (before + grown) * (places - 50.0) / 1000.0},
+        axis="x", positions_mm=places, running_s=(3600.0, 3.0 * 3600.0),
+    )  # fmt: skip
+    # The end of running is read at 50 mm; at 550 mm the last reading is that of 2.875 h. At 1 h
+    # that target is between readings: of 0.875 h and of 1.125 h.
+    start = (40.0 * 0.875 + 40.0 + 20.0 * (1.0 - np.exp(-0.125))) / 2.0
+    end = 40.0 + 20.0 * (1.0 - np.exp(-1.875))
+    assert found.result.figures["X_slope_change_um_per_m"] == pytest.approx(end - start)
+
+
 def test_the_standard_error_is_the_scatter_of_repeated_tests():
     """A state between two readings, less the zero: 2000 tests of noise 0.5 µm."""
     rng = np.random.default_rng(5)

@@ -207,6 +207,21 @@ def test_a_warm_up_at_one_place_is_a_drift_test(distance_mm):
     )
 
 
+@pytest.mark.parametrize("steps", [[(3000, 10)], [(3000, 10), (0, 10)], [(0, 5), (9, 5), (7, 5)]])
+def test_in_place_it_runs_until_it_is_stopped_after_its_last_reading(steps):
+    program = warm_up_program(
+        MACHINE, Manner(), [SpindleStep(*one) for one in steps], [(250, 0, -200)], every_min=5.0,
+        in_place=True, start_s=START_S,
+    )  # fmt: skip
+    content = filled(program.readings.content, lambda *_: 0.0)
+    drift = ThermalDriftRequest.model_validate(
+        read_csv_measurement("thermal-drift", content, stated=Stated("warm")).body
+    )
+    turning = [one.time for one in drift.readings if one.state["spindle_rpm"]]
+    assert drift.running_to == turning[-1]
+    assert drift.running_from < turning[0]
+
+
 def test_a_moving_axis_is_a_verification_of_its_displacement(tmp_path):
     read, found = read_back(tmp_path, "MOVEY", lambda row, c: 2.5 if c == "measured_um" else None)
     assert len(found.observations) == 6 * 6

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
+from app.api.rounding import rounded, to_digits_in, to_digits_of
 from app.api.schemas.base import (
     Name,
     Number,
@@ -167,6 +169,27 @@ class ComponentAnswer(ComponentSchema):
     iso_value_urad: Number | None = Field(None, description="Its value in ISO's sign [µrad]")
 
     @classmethod
+    def computed(cls, table: ComponentTable) -> Self:
+        """Show a table that was computed, rounded as all that is; what is stored is not."""
+        backward, covariance = table.backward_errors, table.covariance
+        backward_covariance = table.backward_covariance
+        shown = cls.of(
+            replace(
+                table,
+                errors=rounded(table.errors),
+                backward_errors=None if backward is None else rounded(backward),
+                covariance=None if covariance is None else to_digits_of(covariance),
+                backward_covariance=None
+                if backward_covariance is None
+                else to_digits_of(backward_covariance),
+            )
+        )
+        uncertain = [name for name in shown.model_fields_set if "standard_error" in name]
+        return shown.model_copy(
+            update={name: to_digits_in(getattr(shown, name)) for name in uncertain}
+        )
+
+    @classmethod
     def of(cls, table: ComponentTable) -> Self:
         """Show a table."""
         component = table.component
@@ -179,7 +202,7 @@ class ComponentAnswer(ComponentSchema):
         numbers |= show_uncertainty(component, table.backward_covariance, "backward_")
         if component.iso:
             numbers["iso"] = component.iso
-            numbers["iso_value_urad"] = component.iso_sign * float(table.errors[0])
+            numbers["iso_value_urad"] = component.iso_sign * float(table.errors[0]) + 0.0
         return cls(component=component.code, chapter=component.chapter or None, **numbers)
 
 

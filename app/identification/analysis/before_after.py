@@ -23,6 +23,9 @@ NO_REPEATS: Final = (
 )
 """Why there is no floor."""
 
+SCATTER_OF_DIFFERENCE: Final = float(np.sqrt(2.0))
+"""Of two observations, in standard deviations of one."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnknownZero:
@@ -81,6 +84,36 @@ def without_zeros(zeros: Sequence[UnknownZero], values: FloatArray) -> FloatArra
         if known.size:
             found[known] -= values[known[0]] if zero.is_first else values[known].mean()
     return found
+
+
+def scatter_in_repeatabilities(zeros: Sequence[UnknownZero], count: int) -> FloatArray:
+    """Say by how much noise alone scatters residuals that `without_zeros` gives.
+
+    A difference from a first observation has the noise of both, √2; the first itself is 0 by
+    definition. From the mean of m, √(1 − 1/m) is left.
+
+    Parameters
+    ----------
+    count
+        Number n of rows.
+
+    Returns
+    -------
+    ndarray, shape (n,) [standard deviations of one observation]
+
+    Examples
+    --------
+    >>> scatter_in_repeatabilities([UnknownZero(np.array([0, 1]), False)], 3).round(3).tolist()
+    [0.707, 0.707, 1.0]
+    """
+    scatter = np.ones(count)
+    for zero in zeros:
+        if zero.is_first:
+            scatter[zero.rows] = SCATTER_OF_DIFFERENCE
+            scatter[zero.rows[0]] = 0.0
+        else:
+            scatter[zero.rows] = np.sqrt(1.0 - 1.0 / zero.rows.size)
+    return scatter
 
 
 def zero_of(zeros: Sequence[UnknownZero], chosen: BoolArray) -> Zero:
@@ -207,7 +240,7 @@ def _floor(repeats: float | None, setup: float | None, zero: Zero) -> float | No
     if repeats is None:
         return None
     if zero == "first":
-        return float(np.sqrt(2.0)) * repeats
+        return SCATTER_OF_DIFFERENCE * repeats
     return float(np.hypot(repeats, setup or 0.0))
 
 

@@ -27,6 +27,11 @@ from app.identification.analysis.plots import EffectCurve, Plots, VisitMeans
 from app.identification.residuals.residuals import channel_unit
 
 MOST_POINTS: Final = 400
+"""Of one drawing."""
+
+FINEST: Final = 64
+"""Cells along each side of a drawing, where those of fewer are enough."""
+
 DIGITS: Final = 5
 
 
@@ -50,10 +55,15 @@ def plots(found: FinishedSearch, effects: Sequence[Effect]) -> Plots:
 def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> EffectCurve:
     """Residuals without this effect and with it, over what drives it."""
     rows = _rows_of(found, effect)
-    own = found.explained(effect)
-    over, unit, driver = _driver_of(found, effect, own)
+    own = np.where(found.use, found.explained(effect), np.nan)
+    # What it explains counts from the same zero as the residuals beside which it is drawn.
+    without, left, explained = (
+        without_zeros(found.zeros, values) for values in (after + own, after, own)
+    )
+    over, unit, driver = _driver_of(found, effect, explained)
     rows = rows[np.isfinite(driver[rows])]
-    levelled = [without_zeros(found.zeros, values)[rows] for values in (after + own, after)]
+    sides = np.array(_directions(found, effect, rows))
+    rows = rows[seen_apart(MOST_POINTS, driver[rows], without[rows], left[rows], sides)]
     names = np.array(found.residuals.rows.channels)[found.rows.channel[rows]]
     return EffectCurve(
         over=over,
@@ -61,23 +71,62 @@ def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> Ef
         unit=channel_unit(str(names[0])).symbol if len(names) else "µm",
         components=tuple(names.tolist()),
         driver=_rounded(driver[rows]),
-        before=_rounded(levelled[0]),
-        after=_rounded(levelled[1]),
-        explained=_rounded(own[rows]),
+        before=_rounded(without[rows]),
+        after=_rounded(left[rows]),
+        explained=_rounded(explained[rows]),
         direction=_directions(found, effect, rows),
     )
 
 
 def _rows_of(found: FinishedSearch, effect: Effect) -> IntArray:
-    """The effect's own components, or points where they were not observed; some of them."""
+    """The effect's own components, or points where they were not observed."""
     rows, moved = found.residuals.rows, found.explained(effect) != 0
     names = np.array(rows.channels)[rows.channel]
     own = np.isin(names, effect.components)
     chosen = np.flatnonzero(found.use & (own if own.any() else moved))
-    chosen = of_one_unit(found, effect, chosen)
-    if len(chosen) <= MOST_POINTS:
-        return chosen
-    return chosen[np.linspace(0, len(chosen) - 1, MOST_POINTS).round().astype(np.intp)]
+    return of_one_unit(found, effect, chosen)
+
+
+def seen_apart(most: int, *along: FloatArray) -> IntArray:
+    """Choose points that stand for all others: those beside which the others are not seen.
+
+    Every so many of them would be those of one direction only where a run goes there and back. So
+    the drawing is parted into cells, as fine as leaves at most so many points, and one of each cell
+    is chosen, and the ends of every quantity.
+
+    Parameters
+    ----------
+    most
+        Points that may be drawn.
+    along : ndarray, shape (n,)
+        What tells points apart: where they stand, their values, their direction.
+
+    Returns
+    -------
+    ndarray
+        Their indices, rising; all where they are not too many.
+
+    Examples
+    --------
+    >>> there_and_back = np.tile([0.0, 6.0], 50)
+    >>> there_and_back[seen_apart(6, np.arange(100.0), there_and_back)].tolist()
+    [0.0, 6.0, 0.0, 6.0, 6.0]
+    """
+    count = len(along[0])
+    if count <= most:
+        return np.arange(count)
+    ends = [index for values in along for index in (values.argmin(), values.argmax())]
+    shares = np.column_stack(
+        [(v - v.min()) / (np.ptp(v) if np.ptp(v) > 0.0 else 1.0) for v in along]
+    )
+    chosen = np.unique(ends)
+    for fineness in range(1, FINEST + 1):
+        cells = np.minimum((shares * fineness).astype(np.intp), fineness - 1)
+        finer = np.union1d(ends, np.unique(cells, axis=0, return_index=True)[1])
+        if len(finer) > most:
+            break
+        chosen = finer
+    return chosen
 
 
 def of_one_unit(found: FinishedSearch, effect: Effect, chosen: IntArray) -> IntArray:
@@ -101,7 +150,7 @@ def of_one_unit(found: FinishedSearch, effect: Effect, chosen: IntArray) -> IntA
 
 
 def _driver_of(
-    found: FinishedSearch, effect: Effect, own: FloatArray
+    found: FinishedSearch, effect: Effect, explained: FloatArray
 ) -> tuple[str, str, FloatArray]:
     conditions, rows = found.residuals.projection.conditions, found.residuals.rows
     over = kind_of(effect.kind).drawn_over
@@ -113,7 +162,7 @@ def _driver_of(
     named = _named(effect.terms[0].driver) if effect.terms else None
     if named is not None:
         return *named, effect.terms[0].driver.at(conditions)
-    return "what the effect explains", channel_unit(effect.components[0]).symbol, own
+    return "what the effect explains", channel_unit(effect.components[0]).symbol, explained
 
 
 def _named(driver: Driver) -> tuple[str, str] | None:
@@ -180,11 +229,11 @@ def _over_visits(
         together, which = np.unique(keys, axis=0, return_inverse=True)
         which = which.ravel()
         counts = np.bincount(which)
-        kept = np.linspace(0, len(counts) - 1, min(len(counts), MOST_POINTS)).round().astype(int)
         means = [
             np.bincount(which, weights=values[own]) / counts
             for values in (rows.times_s, before, after)
         ]
+        kept = seen_apart(MOST_POINTS, *means, together[:, 1])
         curves.append(
             VisitMeans(
                 component=channel,

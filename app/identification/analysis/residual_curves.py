@@ -68,7 +68,11 @@ def residual_curves(report: ResidualReport) -> list[ComponentCurves]:
             tuple(
                 _shown(curve)
                 for curve in curves_along(
-                    report.residuals, report.values, chosen, size.repeatability, FEWEST_IN_RANGE
+                    report.residuals,
+                    report.values,
+                    chosen,
+                    None if size.repeatability is None else size.repeatability * report.scatter,
+                    FEWEST_IN_RANGE,
                 )
             ),
         )

@@ -12,9 +12,11 @@ from pydantic import Field
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import BoolArray, FloatArray, rms
 from app.identification.analysis.before_after import (
+    SCATTER_OF_DIFFERENCE,
     UnknownZero,
     lengths,
     pooled,
+    scatter_in_repeatabilities,
     unknown_zeros,
     without_zeros,
     zero_of,
@@ -22,7 +24,7 @@ from app.identification.analysis.before_after import (
 from app.identification.analysis.figures import Zero
 from app.identification.observed_scatter import ObservedScatter
 from app.identification.residuals.residuals import LeftOut, Residuals, channel_unit
-from app.identification.residuals.summary import Summary, summarise
+from app.identification.residuals.summary import Summary, share_above, summarise
 from app.search.noise import repeatability
 from app.search.rows import Rows
 
@@ -51,15 +53,26 @@ class Size(Answer, published_as="SizeAnswer"):
     `replicates`, or guessed from the `residuals` within visits"""
 
     share_above_repeatability: float | None
-    """Share that exceeds it in size; noise alone: 0.32"""
+    """Share that exceeds it in size, with that of a zero that was measured too; noise alone:
+    0.32"""
 
     zero: Zero
     """What its figures are relative to, as in an analysis"""
 
     @property
+    def by_noise(self) -> float | None:
+        """Standard deviation of one residual by repeatability alone.
+
+        Counted from a first observation, a residual has the noise of both.
+        """
+        if self.repeatability is None or self.zero != "first":
+            return self.repeatability
+        return SCATTER_OF_DIFFERENCE * self.repeatability
+
+    @property
     def ratio(self) -> float:
-        """The root mean square in repeatabilities; 0 where nothing is known of them."""
-        return self.rms / self.repeatability if self.repeatability else 0.0
+        """The root mean square over `by_noise`; 0 where nothing is known of that."""
+        return self.rms / self.by_noise if self.by_noise else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -95,10 +108,13 @@ class ResidualReport(ResidualFigures):
     values : ndarray, shape (n,) [the channels' units]
         Measured minus predicted: from its first observation where the instrument was zeroed
         there, less the mean where nobody knows its zero.
+    scatter : ndarray, shape (n,) [standard deviations of one observation]
+        By how much noise alone scatters each of them.
     """
 
     residuals: Residuals
     values: FloatArray
+    scatter: FloatArray
 
 
 def residual_report(residuals: Residuals, scatter: ObservedScatter) -> ResidualReport:
@@ -113,7 +129,8 @@ def residual_report(residuals: Residuals, scatter: ObservedScatter) -> ResidualR
     denied = scatter.contradiction
     zeros = unknown_zeros(rows)
     values = without_zeros(zeros, rows.values)
-    components = component_sizes(residuals, rows, values, zeros)
+    own_scatter = scatter_in_repeatabilities(zeros, len(values))
+    components = component_sizes(residuals, rows, values, zeros, own_scatter)
     in_um = [size for size in components if size.unit == "µm"]
     overall = None
     noise_um = None
@@ -122,27 +139,34 @@ def residual_report(residuals: Residuals, scatter: ObservedScatter) -> ResidualR
         origins = "/".join(dict.fromkeys(s.repeatability_origin for s in in_um))
         chosen = lengths(residuals)
         zero = zero_of(zeros, chosen)
-        overall = _size("all", "µm", values[chosen], noise_um, origins, zero)
+        overall = _size("all", "µm", values[chosen], own_scatter[chosen], noise_um, origins, zero)
     return ResidualReport(
         residuals=residuals,
         values=values,
+        scatter=own_scatter,
         overall=overall,
         components=components,
-        summaries=summarise(residuals, values, noise_um),
+        summaries=summarise(
+            residuals, values, None if noise_um is None else noise_um * own_scatter
+        ),
         excluded=residuals.left_out,
         contradiction=None if denied is None else denied.sentence,
     )
 
 
 def component_sizes(
-    residuals: Residuals, rows: Rows, values: FloatArray, zeros: Sequence[UnknownZero]
+    residuals: Residuals,
+    rows: Rows,
+    values: FloatArray,
+    zeros: Sequence[UnknownZero],
+    scatter: FloatArray,
 ) -> list[Size]:
     """Sum each channel up, in the order of the channels.
 
     Parameters
     ----------
-    values : ndarray, shape (n,) [the channels' units]
-        Their residuals.
+    values, scatter : ndarray, shape (n,) [the channels' units; repeatabilities]
+        Their residuals, and by how much noise alone scatters each.
     """
     everything: BoolArray = np.ones(len(values), dtype=np.bool_)
     found = []
@@ -152,12 +176,20 @@ def component_sizes(
             noise = repeatability(rows, number, everything)
             unit = channel_unit(name).symbol
             zero = zero_of(zeros, own)
-            found.append(_size(name, unit, values[own], noise.value, noise.origin, zero))
+            found.append(
+                _size(name, unit, values[own], scatter[own], noise.value, noise.origin, zero)
+            )
     return found
 
 
 def _size(
-    component: str, unit: str, values: FloatArray, noise: float | None, origin: str, zero: Zero
+    component: str,
+    unit: str,
+    values: FloatArray,
+    scatter: FloatArray,
+    noise: float | None,
+    origin: str,
+    zero: Zero,
 ) -> Size:
     size = np.abs(values)
     return Size(
@@ -169,6 +201,6 @@ def _size(
         p95=float(np.quantile(size, 0.95)),
         repeatability=noise,
         repeatability_origin=origin,
-        share_above_repeatability=None if noise is None else float(np.mean(size > noise)),
+        share_above_repeatability=None if noise is None else share_above(values, noise * scatter),
         zero=zero,
     )

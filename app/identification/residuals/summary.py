@@ -40,7 +40,8 @@ class Bin(Answer, published_as="BinAnswer"):
     rms: Annotated[float, Field(description=f"Root mean square {IN_ITS_UNIT}")]
     p95: Annotated[float, Field(description=f"95th percentile of the size {IN_ITS_UNIT}")]
     share_above_repeatability: float | None
-    """Share that exceeds the repeatability in size"""
+    """Share that exceeds the repeatability in size, and that of a zero that was measured too; noise
+    alone: 0.32"""
 
     @property
     def middle(self) -> float | None:
@@ -69,16 +70,16 @@ class Curve:
 
 
 def summarise(
-    residuals: Residuals, values: FloatArray | None = None, repeatability_um: float | None = None
+    residuals: Residuals, values: FloatArray, scatter_um: FloatArray | None
 ) -> list[Summary]:
     """Sum residuals up by component, and those in µm by place, time, temperature and state.
 
     Parameters
     ----------
     values : ndarray, shape (n,) [the channels' units]
-        Other residuals of the same rows: after effects, for example.
-    repeatability_um
-        Standard deviation of one observation [µm].
+        The residuals.
+    scatter_um : ndarray, shape (n,)
+        Standard deviation of each by repeatability alone [µm], where that is known.
 
     Returns
     -------
@@ -86,17 +87,16 @@ def summarise(
         Quantities that do not vary are left out.
     """
     rows = residuals.rows
-    own = residuals.values if values is None else values
     names = np.array(rows.channels)[rows.channel]
     in_um = [channel_unit(name) is Unit.UM for name in rows.channels]
     components = tuple(
-        _bin(name, None, None, own[names == name], repeatability_um if um else None)
+        _bin(name, None, None, values, scatter_um if um else None, names == name)
         for name, um in zip(rows.channels, in_um, strict=True)
         if (names == name).any()
     )
     found = [Summary("component", components)]
     lengths = np.array(in_um)[rows.channel]
-    curves = curves_along(residuals, own, lengths, repeatability_um)
+    curves = curves_along(residuals, values, lengths, scatter_um)
     return [summary for summary in (*found, *(c.summary for c in curves)) if summary.bins]
 
 
@@ -104,7 +104,7 @@ def curves_along(
     residuals: Residuals,
     values: FloatArray,
     chosen: BoolArray,
-    repeatability: float | None,
+    scatter: FloatArray | None,
     fewest: int = 1,
 ) -> list[Curve]:
     """Sum some residuals up by place, time, temperature, state and direction.
@@ -115,8 +115,8 @@ def curves_along(
         The residuals of all rows, those that are chosen in one unit.
     chosen : ndarray, shape (n,)
         Which rows.
-    repeatability
-        Standard deviation of one observation, in their unit.
+    scatter : ndarray, shape (n,)
+        Standard deviation of each by repeatability alone, in its unit, where that is known.
     fewest
         Values that a range should hold: of few there are fewer ranges.
 
@@ -137,12 +137,14 @@ def curves_along(
     for over, quantity in along.items():
         known = chosen & ~np.isnan(quantity)
         if known.sum() >= FEWEST and np.ptp(quantity[known]) > 0:
-            summary = by_range(over, values[known], quantity[known], repeatability, fewest)
+            own = None if scatter is None else scatter[known]
+            summary = by_range(over, values[known], quantity[known], own, fewest)
             found.append(Curve(summary, quantity[known], values[known]))
     for i, axis in enumerate("xyz"):
         moved = chosen & ~np.isnan(rows.points_mm[:, i])
         signs = rows.directions[moved, i]
-        summary = _by_direction(axis, values[moved], signs, repeatability)
+        own = None if scatter is None else scatter[moved]
+        summary = _by_direction(axis, values[moved], signs, own)
         if summary.bins:
             found.append(Curve(summary, signs, values[moved]))
     return found
@@ -152,17 +154,15 @@ def by_range(
     over: str,
     values: FloatArray,
     quantity: FloatArray,
-    repeatability: float | None = None,
+    scatter: FloatArray | None = None,
     fewest: int = 1,
 ) -> Summary:
     """Sum values up in ranges of a quantity that hold about equally many of them.
 
     Parameters
     ----------
-    values, quantity : ndarray, shape (n,)
-        The residuals and the quantity.
-    repeatability
-        Standard deviation of one observation, in the values' unit.
+    values, quantity, scatter : ndarray, shape (n,)
+        The residuals, the quantity, and each residual's standard deviation by repeatability alone.
     fewest
         Values that a range should hold: of few there are fewer ranges.
 
@@ -184,7 +184,7 @@ def by_range(
         here = quantity[which == i]
         low, high = float(here.min()), float(here.max())
         label = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-        bins.append(_bin(label, low, high, values[which == i], repeatability))
+        bins.append(_bin(label, low, high, values, scatter, which == i))
     return Summary(over, tuple(bins))
 
 
@@ -192,10 +192,10 @@ def _by_direction(
     axis: str,
     values: FloatArray,
     directions: FloatArray,
-    repeatability: float | None,
+    scatter: FloatArray | None,
 ) -> Summary:
     bins = [
-        _bin(label, None, None, values[directions == sign], repeatability)
+        _bin(label, None, None, values, scatter, directions == sign)
         for sign, label in DIRECTIONS.items()
         if (directions == sign).any()
     ]
@@ -203,16 +203,44 @@ def _by_direction(
 
 
 def _bin(
-    label: str, low: float | None, high: float | None, values: FloatArray, limit: float | None
+    label: str,
+    low: float | None,
+    high: float | None,
+    values: FloatArray,
+    scatter: FloatArray | None,
+    inside: BoolArray,
 ) -> Bin:
-    size = np.abs(values)
+    own = values[inside]
     return Bin(
         label=label,
         low=low,
         high=high,
-        count=int(values.size),
-        mean=float(values.mean()),
-        rms=rms(values),
-        p95=float(np.quantile(size, 0.95)),
-        share_above_repeatability=None if limit is None else float(np.mean(size > limit)),
+        count=int(own.size),
+        mean=float(own.mean()),
+        rms=rms(own),
+        p95=float(np.quantile(np.abs(own), 0.95)),
+        share_above_repeatability=None if scatter is None else share_above(own, scatter[inside]),
     )
+
+
+def share_above(values: FloatArray, scatter: FloatArray) -> float | None:
+    """Give the share of residuals beyond one standard deviation of noise alone.
+
+    Parameters
+    ----------
+    values, scatter : ndarray, shape (n,)
+        Residuals, and the standard deviation of each by repeatability alone: 0 where it is zero
+        by definition, which takes no part.
+
+    Returns
+    -------
+    float or None
+        None where none of them scatters.
+
+    Examples
+    --------
+    >>> share_above(np.array([0.0, 1.2, -1.6]), np.array([0.0, 1.4, 1.4]))
+    0.5
+    """
+    moving = scatter > 0.0
+    return float(np.mean(np.abs(values[moving]) > scatter[moving])) if moving.any() else None

@@ -17,9 +17,6 @@ from app.pages.dashboard.charts import Scale, ticks_between
 from app.pages.dashboard.numbers import MINUS
 from app.units import SECONDS_PER_H
 
-MOST_MARKS: Final = 150
-"""Marks of one chart: more are not told apart."""
-
 INSET: Final = 3.0
 """Room on both sides for a mark that stands at an end [%]."""
 
@@ -41,11 +38,6 @@ class Marks:
     after: Sequence[float]
     explained: Sequence[float] = ()
 
-    def thinned(self) -> Marks:
-        """Take every so many, as no more can be told apart."""
-        step = -(-len(self.at) // MOST_MARKS) or 1
-        return Marks(*(own[::step] for own in (self.at, self.before, self.after, self.explained)))
-
 
 def residual_chart(marks: Marks, band: float | None, name: str, *, over_time: bool) -> Any:
     """Draw residuals before and after; the band is what noise alone would leave.
@@ -55,7 +47,6 @@ def residual_chart(marks: Marks, band: float | None, name: str, *, over_time: bo
     dict
         `svg`, and the `ticks` and `positions` that stand in HTML beside it.
     """
-    marks = marks.thinned()
     reach = [] if band is None else [-band, band]
     scale = Scale.over([*marks.before, *marks.after, *marks.explained, *reach])
     low, high = min(marks.at), max(marks.at)

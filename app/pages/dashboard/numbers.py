@@ -34,10 +34,10 @@ def signed(value: float, digits: int = 1) -> str:
 def number(value: float, digits: int = 2) -> str:
     r"""Write a number that needs no plus.
 
-    >>> number(-3.5), number(29.4), number(11108608.8, 1)
-    ('−3.50', '29.40', '11\xa0108\xa0608.8')
+    >>> number(-3.5), number(-0.001), number(11108608.8, 1)
+    ('−3.50', '0.00', '11\xa0108\xa0608.8')
     """
-    return f"{value:,.{digits}f}".replace("-", MINUS).replace(",", NO_BREAK)
+    return f"{value:z,.{digits}f}".replace("-", MINUS).replace(",", NO_BREAK)
 
 
 def short(value: float) -> str:

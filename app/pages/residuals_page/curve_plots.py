@@ -73,7 +73,7 @@ def extent_of(curves: Sequence[ResidualCurve], size: Size) -> float:
     """
     bars: list[float] = [abs(b.mean) + _spread(b) for curve in curves for b in curve.bins]
     seen: float = min(largest(curve.residual for curve in curves), FAR_OUT * size.p95)
-    noise: float = size.repeatability or 0.0
+    noise: float = size.by_noise or 0.0
     return max([*bars, seen, STANDARD_DEVIATIONS * noise])
 
 
@@ -98,8 +98,8 @@ def curve_drawing(
             "ticktext": list(SIGNS),
             "range": [-1.5, 1.5],
         }
-    if size.repeatability:
-        layout["shapes"] = [_band(STANDARD_DEVIATIONS * size.repeatability)]
+    if size.by_noise:
+        layout["shapes"] = [_band(STANDARD_DEVIATIONS * size.by_noise)]
     data: list[Json] = [_means(curve, over_time=over_time, is_line=not over_direction)]
     if curve.at:
         data.insert(0, _single(_places(curve.at, over_time, over_direction), curve.residual))

@@ -66,9 +66,10 @@ def _size_sentence(figures: ResidualFigures) -> str:
         return f"{text}."
     noise = figure_text(size.repeatability, decimals)
     share = percent_text(size.share_above_repeatability)
+    from_first = ", √2 of it from a first observation" if size.zero == "first" else ""
     return (
-        f"{text}; {share} exceed the repeatability of {noise} {unit}, as {percent_text(BY_NOISE)} "
-        "would if there were nothing else."
+        f"{text}; {share} exceed the repeatability of {noise} {unit}{from_first}, as "
+        f"{percent_text(BY_NOISE)} would if there were nothing else."
     )
 
 

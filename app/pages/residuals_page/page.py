@@ -52,5 +52,5 @@ def _by_unit(sizes: Sequence[Size]) -> Iterator[tuple[str, list[Size], int, floa
         own = list(together)
         # A component that was measured once has no repeatability of its own.
         decimals = max(decimals_for(size.repeatability) for size in own)
-        reach = largest((size.rms, size.repeatability or 0.0) for size in own)
+        reach = largest((size.rms, size.by_noise or 0.0) for size in own)
         yield unit, own, decimals, 1.05 * reach or 1.0

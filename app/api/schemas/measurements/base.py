@@ -108,7 +108,7 @@ def answer_fields(measured: Measured) -> dict[str, Any]:
         "method": measured.method,
         "stored": stored is not None,
         "map_id": None if stored is None else stored.stored.id,
-        "components": [ComponentAnswer.of(table) for table in result.tables],
+        "components": [ComponentAnswer.computed(table) for table in result.tables],
         "figures": dict(result.figures),
         "notes": [*result.notes, *measured.remarks],
         "measuring_lines_mm": {a: shown_line(line) for a, line in result.measuring_lines.items()},

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Digits
 from app.api.schemas.base import MachineState, Millimetres, Number, Point, Schema, UtcTime
 from app.api.schemas.error_maps import ComponentAnswer
 from app.api.schemas.in_pieces import InPieces
@@ -175,9 +176,9 @@ class DriftStateAnswer(Schema):
     """One thermal state of the test: changes since its first reading, at their temperatures."""
 
     label: str | None = Field(description="The map's name", examples=["Warm-up, 60 min"])
-    after_min: Number = Field(description="Time after the first reading [min]")
+    after_min: Digits = Field(description="Time after the first reading [min]")
     time: UtcTime = Field(description="When it was, UTC")
-    temperatures_c: dict[str, Number] = Field(
+    temperatures_c: dict[str, Digits] = Field(
         description="The sensors at that time, interpolated between readings [°C]"
     )
     components: list[ComponentAnswer] = Field(
@@ -193,7 +194,7 @@ class DriftStateAnswer(Schema):
             after_min=kept.after_s / SECONDS_PER_MIN,
             time=kept.time,
             temperatures_c=dict(kept.temperatures_c),
-            components=[ComponentAnswer.of(table) for table in kept.tables],
+            components=[ComponentAnswer.computed(table) for table in kept.tables],
             map_id=kept.map_id,
         )
 

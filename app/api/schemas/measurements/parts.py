@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from app.measurement.machined_part import Comparison
 
 PlanePoint = Annotated[list[Millimetres], Field(min_length=2, max_length=2)]
-Vector = list[Number]
 
 
 class MachinedPartRequest(MeasurementRequest):
@@ -73,7 +72,7 @@ class ComparisonAnswer(Schema):
     confidence_95: list[Digits] | None = Field(description="Its 95 % confidence interval")
 
     @classmethod
-    def of(cls, found: Comparison, predicted_um: Vector, model_version: int) -> Self:
+    def of(cls, found: Comparison, predicted_um: list[float], model_version: int) -> Self:
         """Show a comparison."""
         return cls(
             predicted_um=predicted_um,
@@ -144,7 +143,7 @@ class DrilledPlateAnswer(MeasurementAnswer):
     """Scale, squareness and axis errors, up to a rigid motion."""
 
     rotation_urad: Micro = Field(description="How the plate lay, about Z [µrad]")
-    shift_mm: Vector = Field(description="Where its nominal zero lay [mm]")
+    shift_mm: list[Digits] = Field(description="Where its nominal zero lay [mm]")
     scale_um_per_m: list[Micro] = Field(description="Scale of x and y [µm/m]")
     scale_standard_errors_um_per_m: list[Digits | None] = Field(
         description="Their standard errors [µm/m]"

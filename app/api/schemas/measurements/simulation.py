@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Field
 
+from app.api.rounding import Digits
 from app.api.schemas.base import Integer, Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, head_of, triple
 
@@ -79,7 +80,7 @@ class SimulatedStepDiagonal(AnswerHead):
     tool_offset_mm: list[Number] = Field(description="Tool offset of the target's middle [mm]")
     target: str = Field(description="What reflects")
     temperatures_c: dict[str, Number] = Field(description="Temperatures that were used [°C]")
-    diagonals: dict[str, list[list[Number]]] = Field(
+    diagonals: dict[str, list[list[Digits]]] = Field(
         description="Diagonal to a row for each step: after x, after y, after z [µm]"
     )
 
