@@ -190,6 +190,13 @@ class AccessControl:
         )
 
 
+def holder_of(scope: Scope) -> str:
+    """Name who is to have a fair share of what there is little of: a key, else an address."""
+    key: AccessKey | None = scope.get("state", {}).get("access_key")
+    client = scope.get("client")
+    return f"key {key.name}" if key is not None else f"address {client[0] if client else ''}"
+
+
 def name_who_asks(scope: Scope) -> None:
     """Let what is written into the log name who asks, from here on."""
     key: AccessKey | None = scope.get("state", {}).get("access_key")

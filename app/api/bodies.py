@@ -70,7 +70,7 @@ class BodyRoute(APIRoute):
 
         async def read_and_handle(request: Request) -> Response:
             most = min(limit, request.app.state.max_body_bytes)
-            body = await _received(request, most)
+            body = await received(request, most)
             if not body:
                 return await handle(ReadRequest(request, b"", None))
             _refuse_other_kinds(request, (JSON,))
@@ -125,7 +125,7 @@ class FileRoute(APIRoute):
 
         async def receive_and_handle(request: Request) -> Response:
             _refuse_other_kinds(request, kinds)
-            body = await _received(request, min(limit, request.app.state.max_body_bytes))
+            body = await received(request, min(limit, request.app.state.max_body_bytes))
             with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
                 return await handle(ReadRequest(request, body, None))
 
@@ -165,7 +165,7 @@ def _without_body(handle: Handler) -> Handler:
     return refuse_body
 
 
-async def _received(request: Request, most: int) -> bytes:
+async def received(request: Request, most: int) -> bytes:
     """Receive a body of at most so many bytes, or refuse it as soon as it is longer."""
     stated = request.headers.get("content-length", "")
     too_large = HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")

@@ -7,22 +7,26 @@ import logging
 import os
 import signal
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from threading import Thread
 from types import FrameType
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, cast
 
 import typer
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
 
+from app.api.metrics import UNKNOWN, Metrics
 from app.api.streams import TableStreams
 from app.api.turns import Turns
 from app.arrays import one_blas_thread
-from app.cli.http_protocol import PatientProtocol, PatientServer
+from app.cli.http_protocol import PatientProtocol, PatientServer, SharedLimits
+from app.cli.http_refusals import MOST_BODY_BYTES, MOST_CONNECTIONS
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
 from app.settings import Settings
@@ -42,6 +46,8 @@ HANDLED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 NOTICED_S: Final = 0.5
 """How soon a signal is noticed that another thread has taken [s]."""
 
+_NEEDED_FILES: Final = 2 * MOST_CONNECTIONS
+"""Connections of HTTP have half of them at most: databases, files and others have the rest."""
 
 _BLAMED: Final = {
     "database_url": "--database-url",
@@ -213,10 +219,17 @@ def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
     """Make the server of one process."""
     for name in ("thermap", "uvicorn"):
         logging.getLogger(name).setLevel(log_level.upper())
+    metrics: Metrics = service.state.metrics
+    limits = SharedLimits(
+        lambda status: metrics.count(UNKNOWN, UNKNOWN, status, 0.0),
+        min(MOST_CONNECTIONS, _most_files() // 2),
+        max(MOST_BODY_BYTES, 2 * service.state.max_body_bytes),
+    )
     return EndingServer(
         uvicorn.Config(
             service,
-            http=PatientProtocol,
+            http=cast("type[PatientProtocol]", partial(PatientProtocol, limits=limits)),
+            ws="none",
             log_level=log_level,
             log_config=None,
             access_log=False,
@@ -228,6 +241,20 @@ def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
         service.state.turns,
         service.state.streams,
     )
+
+
+def _most_files() -> int:
+    """Let this process open as many files as the system allows it, and say how many."""
+    if sys.platform == "win32":
+        return 2 * MOST_CONNECTIONS
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _NEEDED_FILES if hard == resource.RLIM_INFINITY else min(hard, _NEEDED_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+        return most
+    return _NEEDED_FILES if soft == resource.RLIM_INFINITY else soft
 
 
 @contextmanager

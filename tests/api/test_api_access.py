@@ -400,6 +400,20 @@ async def test_while_the_database_is_away_keys_go_on_as_they_were(guarded, monke
         assert (await client.post(f"{ROOM}/compensation", json=CONTENT)).status_code == 200
 
 
+@pytest.mark.parametrize(
+    ("form", "status"),
+    [
+        ("key=" + "k" * 5000, 413),
+        ("&".join(f"{name}=1" for name in "abcdefghi"), 422),
+        ("a=%ff&b", 403),
+    ],
+)
+async def test_a_form_that_nobody_sends_is_refused(guarded, form, status):
+    async with with_key(guarded) as browser:
+        headers = {"Content-Type": "application/x-www-form-urlencoded"}
+        assert (await browser.post("/login", content=form, headers=headers)).status_code == status
+
+
 async def test_a_browser_states_a_key_once(guarded, clock):
     secret = key(guarded, "viewer")
     async with with_key(guarded) as browser:

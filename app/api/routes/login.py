@@ -13,15 +13,17 @@ from starlette.responses import RedirectResponse, Response
 
 from app.access.keys import Role
 from app.api.access import COOKIE, LOGIN, AccessControl, stated_secret
-from app.api.error_responses import problem
+from app.api.bodies import received
 from app.api.pages import Page
 from app.api.router import Router
+from app.errors import InvalidContent
 from app.pages.environment import render_live
 from app.services.access_keys import BROWSER_LASTS
 
 router = Router(include_in_schema=False)
 
 _LONGEST_FORM: Final = 4096
+_MOST_FIELDS: Final = 8
 _HEADERS: Final = {"Cache-Control": "no-store"}
 
 NextQuery = Annotated[str, Query(max_length=1024)]
@@ -43,8 +45,6 @@ async def post_login(request: Request) -> Response:
     """Take a key, and let the browser have something to state in its place."""
     control: AccessControl = request.app.state.access
     form = await _form(request)
-    if form is None:
-        return problem(413, "Too large", f"expected a form of at most {_LONGEST_FORM} bytes")
     onward = form.get("next", "/")
     key = await control.find(form.get("key", "").strip())
     if key is None:
@@ -95,12 +95,13 @@ def _own(path: str) -> str:
     return path if is_own else "/"
 
 
-async def _form(request: Request) -> dict[str, str] | None:
-    """Read a short form; None for a long one."""
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > _LONGEST_FORM:
-            return None
-    fields = parse_qs(body.decode("utf-8", "replace"), max_num_fields=8)
+async def _form(request: Request) -> dict[str, str]:
+    """Read a short form."""
+    body = await received(request, _LONGEST_FORM)
+    try:
+        fields = parse_qs(body.decode("utf-8", "replace"), max_num_fields=_MOST_FIELDS)
+    except ValueError:
+        raise InvalidContent.of_field(
+            "body", f"expected at most {_MOST_FIELDS} fields, got more"
+        ) from None
     return {name: values[-1] for name, values in fields.items()}
