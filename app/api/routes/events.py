@@ -15,6 +15,7 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
 from app.api.routes.readings import SinceQuery, UntilQuery
+from app.api.schemas.base import StoredInteger
 from app.events.event import Event, EventKind, Events
 from app.services.events import show_events
 
@@ -26,7 +27,8 @@ KindQuery = Annotated[
     list[EventKind] | None, Query(alias="kind", description="Of this kind only; may be repeated")
 ]
 BeforeQuery = Annotated[
-    int | None, Query(ge=1, description="Only events before this number: an answer's `next`")
+    StoredInteger | None,
+    Query(ge=1, description="Only events before this number: an answer's `next`"),
 ]
 LimitQuery = Annotated[int, Query(ge=1, le=10_000, description="At most so many")]
 FormatQuery = Annotated[

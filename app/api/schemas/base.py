@@ -55,6 +55,12 @@ def _no_control_characters(text: str) -> str:
     return text
 
 
+def _fits_in_a_database(value: int) -> int:
+    if not -(2**63) <= value < 2**63:
+        raise ValueError("a whole number of at most 64 bits")
+    return value
+
+
 def way_of(name: str) -> str:
     """Mark one way of stating something, which the path of a wrong field leaves out."""
     return f"({name})"
@@ -66,7 +72,10 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Millimetres = Annotated[Number, Field(ge=-1e6, le=1e6)]
 """A length or a position, within a kilometre [mm]."""
 
-Integer = Annotated[int, Field(strict=True)]
+StoredInteger = Annotated[int, AfterValidator(_fits_in_a_database)]
+"""A whole number as a database takes it; of a path or a query it comes as text."""
+
+Integer = Annotated[StoredInteger, Field(strict=True)]
 """A whole number: no text, no booleans."""
 
 YesOrNo = Annotated[bool, Field(strict=True)]
