@@ -17,7 +17,7 @@ from app.effects.driver import (
     StepAfter,
 )
 from app.effects.effect import Effect
-from app.effects.response_columns import LATE, Column
+from app.effects.response_columns import LATE, LATE_MIN, STATE, Column
 from app.effects.response_driver import Responding, written_root
 from app.effects.shape import Everywhere, Rising, Sensitivity, Wave
 from app.effects.term import Term
@@ -170,15 +170,30 @@ def fault(sensor, codes, bias_k=1.5):
 
 def response(code, sensor):
     """A response of a component to one sensor, at once and late, of which nearly all is sure."""
+    columns = (Column(LATE, sensor, 0.0), Column(LATE, sensor, 20.0))
+    return _response(code, columns, (2.0, 1.0), (sensor,))
+
+
+def response_of_all(code):
+    """A response of a component to several sensors and the spindle, late by minutes and hours."""
+    columns = (
+        *(Column(LATE, name, late) for name in ("x-middle", "y-front") for late in LATE_MIN),
+        *(Column(STATE, "spindle_rpm", late) for late in (3.0, 15.0, 90.0, 400.0)),
+    )
+    amplitudes = (0.6, -0.8, 1.5, 0.3, 0.5, -1.0, 2e-4, 4e-4, 6e-4, 8e-4)
+    return _response(code, columns, amplitudes, ("x-middle", "y-front"), ("spindle_rpm",))
+
+
+def _response(code, columns, amplitudes, sensors, states=()):
     driver = Responding(
-        columns=(Column(LATE, sensor, 0.0), Column(LATE, sensor, 20.0)),
+        columns=columns,
         references_c=(),
         level_sensor="",
         level_c=22.0,
-        ranges=((-20.0, 20.0),) * 2,
+        ranges=tuple((0.0, 5000.0) if c.is_of_state else (-20.0, 20.0) for c in columns),
         until_s=(),
-        coefficients=((2.0, 1.0),),
-        spread=written_root(1e-6 * np.eye(2)),
+        coefficients=(amplitudes,),
+        spread=written_root(1e-12 * np.eye(len(columns))),
         noise=(0.1, 0.01, 300.0, 0.01, 200.0),
         is_zeroed=True,
         longest_min=240.0,
@@ -186,7 +201,7 @@ def response(code, sensor):
     told = ("held_out_before_um", "held_out_after_um", "worst_before_um", "worst_after_um")
     parameters = {"set_ups": 12.0, **dict.fromkeys(told, 1.0)}
     terms = (Term(code, driver),)
-    return learnt(Effect("response", (code,), (sensor,), parameters=parameters, terms=terms))
+    return learnt(Effect("response", (code,), sensors, states, parameters=parameters, terms=terms))
 
 
 def adopt(service, *effects, machine_id="mcfv5050", accept_losses=True):

@@ -14,13 +14,19 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.low_pass import (
+    RESTED_S,
     SETTLED,
+    UNREAD,
     Filtered,
     FromStart,
     Hold,
+    LagState,
+    beginnings,
+    last_state,
     low_pass,
     low_pass_at,
     low_pass_from_start,
+    unread_at,
 )
 from app.effects.play import play, play_at
 from app.errors import list_names
@@ -129,6 +135,9 @@ class Lags(Protocol):
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give a signal at any times, later ones too, NaN where it is not known."""
 
+    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Say which share of a signal's low-pass rests on gaps, NaN where it has no record."""
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say in a sentence's second half what is missing."""
 
@@ -155,6 +164,10 @@ class NoHistory:
         """Give nothing."""
         return np.full(times_s.shape, np.nan)
 
+    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Know of no record."""
+        return np.full(times_s.shape, np.nan)
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say that there is no history."""
         return f"the history of {signal.name} is not known here"
@@ -175,13 +188,30 @@ class Recording:
     values : ndarray, shape (n,)
         Readings, none of them NaN.
     max_gap_s
-        Longest gap that is bridged [s].
+        Longest gap over which the readings are known [s].
+    begins_s : ndarray, shape (m,) [s]
+        When the machine began to be read after a rest: the same for all of its signals.
     """
 
     times_s: FloatArray
     values: FloatArray
     hold: Hold
     max_gap_s: float
+    begins_s: FloatArray
+
+    def filtered(self, signal: Signal, time_constant_s: float) -> Filtered:
+        """Filter the whole record."""
+        return low_pass(*self._filter(signal, time_constant_s))
+
+    def last_state(self, signal: Signal, time_constant_s: float) -> LagState:
+        """Filter the whole record, and keep the filter after its last reading."""
+        return last_state(*self._filter(signal, time_constant_s))
+
+    def _filter(
+        self, signal: Signal, time_constant_s: float
+    ) -> tuple[FloatArray, FloatArray, float, Hold, float, FloatArray]:
+        inputs = signal.of(self.values)
+        return self.times_s, inputs, time_constant_s, self.hold, self.max_gap_s, self.begins_s
 
     def at(self, times_s: FloatArray) -> FloatArray:
         """Give the value at times, the last reading's until it is too old, else NaN."""
@@ -243,6 +273,14 @@ class RecordedLags:
             return signal.of(recording.at(times_s))
         return between_readings(recording.times_s, recording.values, times_s, recording.max_gap_s)
 
+    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Say which share of a signal's low-pass rests on gaps (`unread_at`)."""
+        recording = self.recordings.get((signal.kind, signal.name))
+        if recording is None or recording.times_s.size == 0:
+            return np.full(times_s.shape, np.nan)
+        filtered = self._filter(signal, time_constant_s, recording)
+        return unread_at(filtered, times_s, time_constant_s)
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how much history is needed, and how much there is."""
         have = self.record_before_s(signal, float(times_s.min()))
@@ -266,13 +304,7 @@ class RecordedLags:
         if key not in self._filtered:
             if len(self._filtered) >= MOST_FILTERS:
                 self._filtered.pop(next(iter(self._filtered)))
-            self._filtered[key] = low_pass(
-                recording.times_s,
-                signal.of(recording.values),
-                tau_s,
-                recording.hold,
-                recording.max_gap_s,
-            )
+            self._filtered[key] = recording.filtered(signal, tau_s)
         return self._filtered[key]
 
 
@@ -436,12 +468,32 @@ class Conditions:
     def why_missing(self, signal: Signal, time_constant_s: float | None = None) -> str:
         """Say what is missing where a driver is NaN."""
         if time_constant_s is not None:
-            return self.lags.why_missing(signal, time_constant_s, self.times_s)
+            return self.why_unread(signal, time_constant_s) or self.lags.why_missing(
+                signal, time_constant_s, self.times_s
+            )
         have = self.temperatures_c if signal.kind == "temperature" else self.states
         if signal.name in have:
             what = "usable reading of" if signal.kind == "temperature" else "reading states"
             return f"no {what} {signal.name} at that time"
         return f"no {signal.kind} {signal.name} (there are {list_names(have)})"
+
+    def why_unread(self, signal: Signal, time_constant_s: float) -> str:
+        """Say that too much of a low-pass rests on gaps, and for how long; empty where it does not.
+
+        Where a record did not begin at rest, all from before it is such a gap.
+        """
+        unread = self.lags.unread(signal, time_constant_s, self.times_s)
+        unread = unread[np.isfinite(unread)]
+        if not (unread > UNREAD).any():
+            return ""
+        most = float(unread.max())
+        lasts_min = time_constant_s * np.log(most / UNREAD) / SECONDS_PER_MIN
+        return (
+            f"readings of {signal.name} were missing, and {most:.0%} of what follows it with a "
+            f"time constant of {time_constant_s / SECONDS_PER_MIN:.3g} min rests on that gap, "
+            f"expected at most {UNREAD:.0%}: that takes {np.ceil(lasts_min):.0f} min without "
+            "another one"
+        )
 
 
 def recorded_conditions(
@@ -491,16 +543,35 @@ def recordings_of(
     state_readings: Sequence[tuple[float, Mapping[str, float]]],
 ) -> dict[tuple[str, str], Recording]:
     """Take a record apart into its signals."""
+    begins_s = beginnings(times_read(history, state_readings), rested_s(sensors))
     found: dict[tuple[str, str], Recording] = {}
     for name, sensor in sensors.items():
         if name in history.temperatures_c:
             times, values = history.known(name)
             found["temperature", name] = Recording(
-                times, values, BETWEEN_READINGS, sensor.max_age_s
+                times, values, BETWEEN_READINGS, sensor.max_age_s, begins_s
             )
-    for name, recording in _state_recordings(state_readings, state_gap_s(sensors)).items():
-        found["state", name] = recording
+    gap_s = state_gap_s(sensors)
+    for name, readings in _state_readings(state_readings).items():
+        times, values = np.array(readings, dtype=float).T
+        found["state", name] = Recording(times, values, BETWEEN_READINGS, gap_s, begins_s)
     return found
+
+
+def times_read(
+    history: TemperatureHistory, state_readings: Sequence[tuple[float, Mapping[str, float]]]
+) -> FloatArray:
+    """List when anything of a machine was read, believed or not, in order of time [s]."""
+    times_s: FloatArray = np.union1d(history.times_s, [time_s for time_s, _ in state_readings])
+    return times_s
+
+
+def rested_s(sensors: Mapping[str, Sensor]) -> float:
+    """Say for how long a machine must not have been read to have rested [s].
+
+    Longer than any of its sensors may go without a reading.
+    """
+    return max((RESTED_S, *(s.max_age_s for s in sensors.values())))
 
 
 def state_gap_s(sensors: Mapping[str, Sensor]) -> float:
@@ -508,16 +579,12 @@ def state_gap_s(sensors: Mapping[str, Sensor]) -> float:
     return max((s.max_age_s for s in sensors.values()), default=STATE_GAP_S)
 
 
-def _state_recordings(
-    readings: Sequence[tuple[float, Mapping[str, float]]], gap_s: float
-) -> dict[str, Recording]:
-    known: dict[str, tuple[list[float], list[float]]] = {}
+def _state_readings(
+    readings: Sequence[tuple[float, Mapping[str, float]]],
+) -> dict[str, list[tuple[float, float]]]:
+    """List the times [s] and values of each state."""
+    found: dict[str, list[tuple[float, float]]] = {}
     for time_s, state in readings:
         for name, value in state.items():
-            times, values = known.setdefault(name, ([], []))
-            times.append(time_s)
-            values.append(value)
-    return {
-        name: Recording(np.array(times), np.array(values, dtype=float), BETWEEN_READINGS, gap_s)
-        for name, (times, values) in known.items()
-    }
+            found.setdefault(name, []).append((time_s, value))
+    return found

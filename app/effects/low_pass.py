@@ -7,8 +7,15 @@ Both have an exact solution over any step h, with a = exp(−h/τ) and the slope
 
     y(t + h) = u(t + h) − m τ + (y(t) − u(t) + m τ) a
 
-The filter starts at rest in its first reading; after five time constants less than a
-hundredth of what was wrong about that is left, and only then is the answer given.
+The filter starts at rest in its first reading. Where nothing says that the machine was at rest,
+the answer is given after five time constants, when less than a hundredth of what was wrong about
+that is left.
+
+A gap in the readings is crossed on a straight line, and what the input really did there is not
+known. Over a gap of length g the output takes the share 1 − exp(−g/τ) from it, and forgets it like
+all else: the share `unread` follows the same equation as the output, and no answer is given until
+it is small. So a short gap costs a slow filter nothing and a quick one little time, none begins
+anew on a warm machine, and all filters of one effect go back to the same beginning.
 """
 
 from __future__ import annotations
@@ -21,13 +28,21 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray
+from app.units import SECONDS_PER_H
 
 SETTLED: Final = 5.0
 """Time constants of history that are needed."""
 
-BRIDGED: Final = 0.25
-"""Share of a time constant over which missing readings hardly matter."""
+UNREAD: Final = 0.05
+"""Share of an output that may rest on gaps: a straight line misses only a part of what the input
+did there, and what is learnt of a machine is seldom known to a twentieth."""
+
+RESTED_S: Final = 6.0 * SECONDS_PER_H
+"""A machine of which nothing at all was read for so long is taken to have rested meanwhile [s]."""
+
+TOGETHER_S: Final = SECONDS_PER_H
+"""What is first read so long after that has been at rest until then, too [s]."""
 
 
 class Hold(StrEnum):
@@ -46,15 +61,17 @@ class LagState:
     time_constant_s
         τ [s].
     since_s
-        When the unbroken record began [s].
+        When the record began [s].
     time_s
         Time of the last reading [s].
     value
         The filter's output at that time, in the input's unit.
     first
-        The first reading of the unbroken record; NaN where it is not known.
+        The first reading of the record; NaN where the machine may not have rested before it.
     moved_s
-        When a reading first differed from that [s]; the last reading's time where none did.
+        When a reading first differed from the first [s]; the last reading's time where none did.
+    unread
+        Share of the output that rests on gaps between readings.
     """
 
     time_constant_s: float
@@ -65,23 +82,37 @@ class LagState:
     value: float
     first: float = math.nan
     moved_s: float = math.nan
+    unread: float = 0.0
 
     @classmethod
     def start(
-        cls, time_constant_s: float, time_s: float, value: float, hold: Hold = Hold.LINEAR
+        cls,
+        time_constant_s: float,
+        time_s: float,
+        value: float,
+        hold: Hold = Hold.LINEAR,
+        *,
+        at_rest: bool = True,
     ) -> LagState:
-        """Begin at rest with a first reading."""
-        return cls(time_constant_s, hold, time_s, time_s, value, value, value, time_s)
+        """Begin in balance with a first reading.
+
+        Parameters
+        ----------
+        at_rest
+            Whether the machine was at rest until then; else the output rests on a guess.
+        """
+        first, unread = (value, 0.0) if at_rest else (math.nan, 1.0)
+        return cls(time_constant_s, hold, time_s, time_s, value, value, first, time_s, unread)
 
     def update(self, time_s: float, value: float, max_gap_s: float = math.inf) -> LagState:
-        """Take the next reading; after too long a gap begin anew.
+        """Take the next reading.
 
         Parameters
         ----------
         time_s
             When [s]; a reading that is not newer changes nothing.
         max_gap_s
-            Longest gap that is bridged [s].
+            What the input did over a longer step is not known [s].
 
         Examples
         --------
@@ -92,13 +123,20 @@ class LagState:
         step = time_s - self.time_s
         if step <= 0.0:
             return self
-        if step > bridged_s(self.time_constant_s, max_gap_s):
-            return self.start(self.time_constant_s, time_s, value, self.hold)
         slope = (value - self.input) / step if self.hold is Hold.LINEAR else 0.0
         output = float(_advance(self.value, self.input, slope, step, self.time_constant_s))
         has_moved = self.input != self.first or self.moved_s < self.time_s
         moved_s = self.moved_s if has_moved else time_s
-        return replace(self, time_s=time_s, input=value, value=output, moved_s=moved_s)
+        unread, is_gap = self.unread, 1.0 if step > max_gap_s else 0.0
+        if unread != is_gap:  # hardly ever: most records are without gaps
+            unread = float(_advance(unread, is_gap, 0.0, step, self.time_constant_s))
+        return replace(
+            self, time_s=time_s, input=value, value=output, moved_s=moved_s, unread=unread
+        )
+
+    def unread_at(self, time_s: float) -> float:
+        """Say which share of the output rests on gaps at a time after the last reading."""
+        return self._advanced(self.unread, 0.0, time_s) if self.unread else 0.0
 
     def at(self, time_s: float) -> float:
         """Give the output at a time after the last reading, NaN where it has not settled."""
@@ -108,12 +146,19 @@ class LagState:
 
     def from_start(self, time_s: float) -> FromStart:
         """Give the output at a time after the last reading, settled or not, with its start."""
-        parts = (self._output(time_s), self.first, self.since_s, self.moved_s)
+        output = self._output(time_s)
+        if math.isnan(output):
+            return FromStart.unknown(1)
+        parts = (output, self.first, self.since_s, self.moved_s)
         return FromStart(*(np.array([part]) for part in parts))
 
     def _output(self, time_s: float) -> float:
-        elapsed = time_s - self.time_s
-        return float(_advance(self.value, self.input, 0.0, elapsed, self.time_constant_s))
+        if self.unread_at(time_s) > UNREAD:
+            return math.nan
+        return self._advanced(self.value, self.input, time_s)
+
+    def _advanced(self, y: float, u: float, time_s: float) -> float:
+        return float(_advance(y, u, 0.0, time_s - self.time_s, self.time_constant_s))
 
 
 class FromStart(NamedTuple):
@@ -137,20 +182,28 @@ class FromStart(NamedTuple):
 class Filtered(NamedTuple):
     """A low-pass at its readings: shape (n,) each.
 
-    `outputs` are in the inputs' unit; `since_s` says when the unbroken record began.
+    `outputs` are in the inputs' unit; `since_s` says when the record began, `is_rested` whether
+    the machine was at rest until then, `unread` which share of the output rests on gaps.
     """
 
     times_s: FloatArray
     inputs: FloatArray
     outputs: FloatArray
     since_s: FloatArray
+    is_rested: BoolArray
+    unread: FloatArray
 
     @property
     def starts(self) -> IntArray:
-        """Place of the reading with which each one's unbroken record began, shape (n,)."""
+        """Place of the reading with which each one's record began, shape (n,)."""
         begins = self.times_s == self.since_s
         found: IntArray = np.maximum.accumulate(np.where(begins, np.arange(begins.size), 0))
         return found
+
+    @property
+    def first(self) -> FloatArray:
+        """The first reading of each one's record, NaN where that did not begin at rest."""
+        return np.where(self.is_rested, self.inputs[self.starts], np.nan)
 
     @property
     def moved_s(self) -> FloatArray:
@@ -162,20 +215,32 @@ class Filtered(NamedTuple):
         differ = self.inputs != self.inputs[starts]
         count = np.cumsum(differ) - np.cumsum(differ)[starts]
         begins = (count == 0) | (differ & (count == 1))
-        found: FloatArray = self.times_s[np.maximum.accumulate(np.where(begins, each, 0))]
-        return found
+        moved = self.times_s[np.maximum.accumulate(np.where(begins, each, 0))]
+        return np.where(self.is_rested, moved, self.since_s)
 
 
-def bridged_s(time_constant_s: float, max_gap_s: float) -> float:
-    """Say which gap between readings is still bridged [s].
+def beginnings(times_s: FloatArray, rested_s: float = RESTED_S) -> FloatArray:
+    """Find when a machine began to be read after it had rested.
 
-    A quarter of the time constant, if that is longer than the allowed gap: what the input
-    did meanwhile then hardly shows in the output.
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,) [s]
+        When anything of it was read, in order of time.
+    rested_s
+        Without readings for longer than this it rested [s].
 
-    >>> bridged_s(7200.0, 600.0), bridged_s(600.0, 600.0)
-    (1800.0, 600.0)
+    Returns
+    -------
+    ndarray, shape (m,) [s]
+
+    Examples
+    --------
+    >>> beginnings(np.array([0.0, 600.0, 40000.0, 40600.0])).tolist()
+    [0.0, 40000.0]
     """
-    return max(max_gap_s, BRIDGED * time_constant_s)
+    is_first = np.append(True, np.diff(times_s) > rested_s)[: times_s.size]
+    begins_s: FloatArray = times_s[is_first]
+    return begins_s
 
 
 def low_pass(
@@ -184,6 +249,7 @@ def low_pass(
     time_constant_s: float,
     hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
+    begins_s: FloatArray | None = None,
 ) -> Filtered:
     """Filter readings at irregular times.
 
@@ -196,7 +262,10 @@ def low_pass(
     time_constant_s
         τ [s].
     max_gap_s
-        Longest gap that is bridged; after a longer one the filter begins anew [s].
+        What the input did over a longer step is not known [s].
+    begins_s : ndarray, shape (m,) [s]
+        When the machine began to be read after a rest (`beginnings`), which is where its filters
+        begin anew; without it at the first reading.
 
     Examples
     --------
@@ -204,17 +273,20 @@ def low_pass(
     >>> filtered.outputs.round(3).tolist()                 # a ramp: t − τ (1 − exp(−t/τ))
     [0.0, 220.728]
     """
+    starts, rested = _starts(times_s, begins_s)
     steps = np.diff(times_s)
-    kept = np.exp(-steps / time_constant_s)
+    share = np.exp(-steps / time_constant_s)
     # The step response is exact: y1 = a y0 + added.
     slopes = np.diff(inputs) / steps if hold is Hold.LINEAR else np.zeros(steps.shape)
     added = _advance(np.zeros(steps.shape), inputs[:-1], slopes, steps, time_constant_s)
-    broken = steps > bridged_s(time_constant_s, max_gap_s)
-    kept, added = np.where(broken, 0.0, kept), np.where(broken, inputs[1:], added)
-    outputs = _recursion(float(inputs[0]), kept, added)
-    starts = np.concatenate([[True], broken])
-    since = times_s[np.maximum.accumulate(np.where(starts, np.arange(times_s.size), 0))]
-    return Filtered(times_s, inputs, outputs, since)
+    again = starts[1:]
+    share = np.where(again, 0.0, share)
+    outputs = _recursion(float(inputs[0]), share, np.where(again, inputs[1:], added))
+    guessed = np.where(rested, 0.0, 1.0)
+    crossed = np.where(steps > max_gap_s, -np.expm1(-steps / time_constant_s), 0.0)
+    unread = _recursion(float(guessed[0]), share, np.where(again, guessed[1:], crossed))
+    begun = np.maximum.accumulate(np.where(starts, np.arange(times_s.size), 0))
+    return Filtered(times_s, inputs, outputs, times_s[begun], rested[begun], unread)
 
 
 def last_state(
@@ -223,6 +295,7 @@ def last_state(
     time_constant_s: float,
     hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
+    begins_s: FloatArray | None = None,
 ) -> LagState:
     """Filter a record, and give the filter after its last reading.
 
@@ -231,7 +304,7 @@ def last_state(
 
     Parameters
     ----------
-    times_s, inputs, time_constant_s, hold, max_gap_s
+    times_s, inputs, time_constant_s, hold, max_gap_s, begins_s
         As for `low_pass`.
 
     Examples
@@ -240,21 +313,43 @@ def last_state(
     >>> state == LagState.start(600.0, 0.0, 0.0).update(600.0, 600.0).update(700.0, 5.0)
     True
     """
-    steps = np.diff(times_s)
-    broken = np.flatnonzero(steps > bridged_s(time_constant_s, max_gap_s))
-    begin = int(broken[-1]) + 1 if broken.size else 0
-    times, values, steps = times_s[begin:], inputs[begin:], steps[begin:]
+    starts, rested = _starts(times_s, begins_s)
+    begin = int(np.flatnonzero(starts)[-1])
+    times, values = times_s[begin:], inputs[begin:]
+    steps = np.diff(times)
     lost = -np.expm1(-steps / time_constant_s)
     slopes = np.diff(values) / steps if hold is Hold.LINEAR else np.zeros(steps.shape)
     added = slopes * (steps - time_constant_s * lost)
-    output = float(values[0])
+    gaps = (steps > max_gap_s) * 1.0
+    begun = LagState.start(
+        time_constant_s, float(times[0]), float(values[0]), hold, at_rest=bool(rested[begin])
+    )
+    output, unread = begun.value, begun.unread
     # One after the other, in the order in which `_advance` adds: sums of floats have an order.
-    for u, share, more in zip(values[:-1].tolist(), lost.tolist(), added.tolist(), strict=True):
+    for u, gap, share, more in zip(
+        values[:-1].tolist(), gaps.tolist(), lost.tolist(), added.tolist(), strict=True
+    ):
         output = output + (u - output) * share + more
-    moved = np.flatnonzero(values != values[0])
+        unread = unread + (gap - unread) * share
+    moved = np.flatnonzero(values != begun.first)
     moved_s = times[moved[0]] if moved.size else times[-1]
-    since_s, time_s, first, last = (float(x) for x in (times[0], times[-1], values[0], values[-1]))
-    return LagState(time_constant_s, hold, since_s, time_s, last, output, first, float(moved_s))
+    return replace(
+        begun,
+        time_s=float(times[-1]),
+        input=float(values[-1]),
+        value=output,
+        moved_s=float(moved_s),
+        unread=unread,
+    )
+
+
+def _starts(times_s: FloatArray, begins_s: FloatArray | None) -> tuple[BoolArray, BoolArray]:
+    """Say at which readings a filter begins anew, and at which of them the machine was at rest."""
+    if begins_s is None:
+        begins_s = times_s[:1]
+    run = np.searchsorted(begins_s, times_s, side="right") - 1
+    starts = np.append(True, np.diff(run) > 0)
+    return starts, times_s - begins_s[np.maximum(run, 0)] <= TOGETHER_S
 
 
 def low_pass_at(
@@ -276,7 +371,8 @@ def low_pass_at(
     Returns
     -------
     ndarray, shape (m,)
-        NaN before five time constants of unbroken record, and where no reading is near.
+        NaN before five time constants of record, where no reading is near, and where too much of
+        the output rests on gaps.
     """
     found, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
     settled = wanted_s - filtered.since_s[before] >= SETTLED * time_constant_s
@@ -305,10 +401,18 @@ def low_pass_from_start(
     ([20.0], [120.0])
     """
     outputs, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
-    first = filtered.inputs[filtered.starts[before]]
-    known = (first, filtered.since_s[before], filtered.moved_s[before])
+    known = (filtered.first[before], filtered.since_s[before], filtered.moved_s[before])
     is_known = np.isfinite(outputs)
     return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
+
+
+def unread_at(filtered: Filtered, wanted_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """Say which share of a low-pass rests on gaps at times, shape (m,); NaN before its record."""
+    at = np.searchsorted(filtered.times_s, wanted_s, side="right") - 1
+    before = np.maximum(at, 0)
+    elapsed = wanted_s - filtered.times_s[before]
+    unread = _advance(filtered.unread[before], 0.0, 0.0, elapsed, time_constant_s)
+    return np.where(at >= 0, unread, np.nan)
 
 
 def _between(
@@ -319,18 +423,20 @@ def _between(
     max_gap_s: float,
 ) -> tuple[FloatArray, IntArray]:
     """Give outputs between readings, NaN where none is near, and the readings before."""
-    times, inputs, outputs, _ = filtered
+    times, inputs, outputs = filtered.times_s, filtered.inputs, filtered.outputs
     at = np.searchsorted(times, wanted_s, side="right") - 1
     before = np.maximum(at, 0)
     after = np.minimum(before + 1, times.size - 1)
     span = times[after] - times[before]
-    between = (span > 0) & (span <= bridged_s(time_constant_s, max_gap_s))
+    goes_on = filtered.since_s[after] == filtered.since_s[before]
+    between = (span > 0) & (span <= max_gap_s) & goes_on
     rise = np.where(between, inputs[after] - inputs[before], 0.0)
     slope = rise / np.where(between, span, 1.0) if hold is Hold.LINEAR else np.zeros(rise.shape)
     elapsed = wanted_s - times[before]
     found = _advance(outputs[before], inputs[before], slope, elapsed, time_constant_s)
-    near = (at >= 0) & (between | (elapsed <= max_gap_s))
-    return np.where(near, found, np.nan), before
+    is_read = unread_at(filtered, wanted_s, time_constant_s) <= UNREAD
+    is_known = (at >= 0) & (between | (elapsed <= max_gap_s)) & is_read
+    return np.where(is_known, found, np.nan), before
 
 
 def _recursion(first: float, kept: FloatArray, added: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ past that was rebuilt from that much of the record is the one that was carried a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from app.effects.adopted.live_lags import LiveLags
@@ -15,10 +15,12 @@ from app.effects.conditions import (
     Recording,
     Signal,
     recordings_of,
+    rested_s,
     state_gap_s,
+    times_read,
 )
 from app.effects.effect import Effect
-from app.effects.low_pass import LagState, last_state
+from app.effects.low_pass import beginnings
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -85,7 +87,7 @@ class Past:
             )
             for signal, _ in needed.lags
         }
-        lags = LiveLags(dict.fromkeys(needed.lags), gaps_s)
+        lags = LiveLags(dict.fromkeys(needed.lags), gaps_s, rested_s(sensors))
         return cls(lags, dict.fromkeys(needed.states), gap_s)
 
     @classmethod
@@ -105,14 +107,21 @@ class Past:
         state_readings
             Time [s] and the machine's state of each reading, in order of time.
         """
-        unread = cls.unread(sensors, needed)
+        lags = cls.unread(sensors, needed).lags
         recordings = recordings_of(sensors, history, state_readings)
+        read_s = times_read(history, state_readings)
+        if read_s.size:
+            begun_s = float(beginnings(read_s, lags.rested_s)[-1])
+            lags = replace(lags, begun_s=begun_s, read_s=float(read_s[-1]))
         filters = {
-            (signal, tau_s): _last(recordings.get((signal.kind, signal.name)), signal, tau_s)
+            (signal, tau_s): recording.last_state(signal, tau_s)
             for signal, tau_s in needed.lags
+            for recording in [recordings.get((signal.kind, signal.name))]
+            if recording is not None and (recording.times_s[-1:] >= lags.begun_s).any()
         }
+        lags = replace(lags, filters={**lags.filters, **filters})
         states = {name: _latest(recordings.get(("state", name))) for name in needed.states}
-        return cls(LiveLags(filters, unread.lags.max_gaps_s), states, unread.state_gap_s)
+        return cls(lags, states, state_gap_s(sensors))
 
     def is_out_of_order(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
@@ -122,7 +131,8 @@ class Past:
         filters = self.lags.filters.items()
         filtered = [f.time_s for (s, _), f in filters if f is not None and s.name in read[s.kind]]
         known = [latest[0] for name, latest in self.states.items() if latest and name in states]
-        return time_s < max([*filtered, *known], default=time_s)
+        # One from before the machine rested may show that it did not.
+        return time_s < max([self.lags.begun_s, *filtered, *known])
 
     def update(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
@@ -176,11 +186,3 @@ def _latest(recording: Recording | None) -> tuple[float, float] | None:
     if recording is None:
         return None
     return float(recording.times_s[-1]), float(recording.values[-1])
-
-
-def _last(recording: Recording | None, signal: Signal, tau_s: float) -> LagState | None:
-    """Filter a whole record, and keep the filter after its last reading."""
-    if recording is None or recording.times_s.size == 0:
-        return None
-    values = signal.of(recording.values)
-    return last_state(recording.times_s, values, tau_s, recording.hold, recording.max_gap_s)

@@ -270,8 +270,12 @@ def taus_of_start(column: Column) -> float:
 
 
 def _from_nought(found: FromStart, times_s: FloatArray, tau_s: float) -> FloatArray:
-    """Take off what the filter began with: before the record the state was 0."""
-    result: FloatArray = found.outputs - found.first * np.exp((found.since_s - times_s) / tau_s)
+    """Take off what the filter began with: before the record the state was 0.
+
+    Of a record that did not begin at rest so little of that is left that it may be unread.
+    """
+    first = np.nan_to_num(found.first)
+    result: FloatArray = found.outputs - first * np.exp((found.since_s - times_s) / tau_s)
     return result
 
 

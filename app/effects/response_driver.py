@@ -215,6 +215,9 @@ class Responding(Driver):
         """Say which condition is missing where it is NaN."""
         if np.isfinite(self.at(conditions)).all():
             return ""
+        gaps = (conditions.why_unread(signal, tau_s or 0.0) for signal, tau_s in self.signals)
+        if unread := next(filter(None, gaps), ""):
+            return unread
         for signal, tau_s in self.signals:
             here = conditions.from_start(signal, tau_s or 0.0)
             if np.isnan(here.outputs).any():

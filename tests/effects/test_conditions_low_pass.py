@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from app.effects.low_pass import Hold, LagState, last_state, low_pass, low_pass_at
+from app.effects.low_pass import (
+    RESTED_S,
+    UNREAD,
+    Hold,
+    LagState,
+    beginnings,
+    last_state,
+    low_pass,
+    low_pass_at,
+)
 
 TAU = 900.0
 
@@ -85,15 +94,35 @@ def test_five_time_constants_are_needed():
     assert state.at(5 * TAU) == 1.0
 
 
-def test_a_long_gap_begins_anew_and_a_short_one_is_bridged():
-    times = np.concatenate([np.arange(0.0, 10000.0, 60.0), np.arange(20000.0, 30000.0, 60.0)])
-    u = np.where(times < 15000.0, 0.0, 1.0)
+def test_a_gap_is_crossed_on_a_line_and_the_output_waits_until_it_is_forgotten():
+    times = np.concatenate([np.arange(0.0, 9000.0, 60.0), np.arange(10800.0, 30000.0, 60.0)])
+    u = np.cos(times / 4000.0)
     found = low_pass(times, u, TAU, max_gap_s=600.0)
-    assert found.outputs[-1] == 1.0
-    assert found.since_s[-1] == 20000.0
-    bridged = low_pass(times, u, 50000.0, max_gap_s=600.0)
-    assert bridged.since_s[-1] == 0.0
-    assert 0.0 < bridged.outputs[-1] < 0.5
+    after, gap_s = times >= 10800.0, 10800.0 - 8940.0
+    share = -np.expm1(-gap_s / TAU) * np.exp((10800.0 - times[after]) / TAU)
+    np.testing.assert_allclose(found.unread[after], share, rtol=1e-9)
+    assert not found.unread[~after].any()
+    np.testing.assert_allclose(found.outputs, low_pass(times, u, TAU).outputs)
+    here = low_pass_at(found, times, TAU, max_gap_s=600.0)
+    settled = (times >= 5 * TAU) & ~(after & (found.unread > UNREAD))
+    np.testing.assert_array_equal(np.isfinite(here), settled)
+    # Where it answers again it is the output of a record without the gap, but for a twentieth.
+    every_s = np.arange(0.0, 30000.0, 60.0)
+    whole = low_pass_at(low_pass(every_s, np.cos(every_s / 4000.0), TAU), times, TAU)
+    assert np.nanmax(np.abs(here - whole)) < UNREAD
+
+
+def test_after_a_rest_a_filter_begins_anew():
+    times = np.array([0.0, 60.0, 120.0, 50_000.0, 50_060.0, 55_000.0])
+    begins_s = beginnings(times)
+    found = low_pass(times, np.arange(6.0), TAU, begins_s=begins_s)
+    assert begins_s.tolist() == [0.0, 50_000.0]
+    assert found.outputs[3] == 3.0
+    assert found.since_s.tolist() == [0.0, 0.0, 0.0, 50_000.0, 50_000.0, 50_000.0]
+    # A signal that comes long after the others does not begin with a machine at rest.
+    late = low_pass(times[5:], np.ones(1), TAU, begins_s=begins_s)
+    assert np.isnan(late.first).all()
+    assert late.unread.tolist() == [1.0]
 
 
 def test_a_reading_that_is_not_newer_changes_nothing():
@@ -109,13 +138,21 @@ def test_a_reading_that_is_not_newer_changes_nothing():
     ),
     st.sampled_from(list(Hold)),
     st.sampled_from([600.0, 7200.0]),
+    st.sampled_from([3000.0, RESTED_S]),
 )
 @pytest.mark.slow
-def test_a_record_read_at_once_leaves_the_filter_that_followed_it(steps, hold, time_constant_s):
+def test_a_record_read_at_once_leaves_the_filter_that_followed_it(
+    steps, hold, time_constant_s, rested_s
+):
     """To the last bit: replicas that began at different times say the same."""
     times = 1.7e9 + np.cumsum([step for step, _ in steps])
     values = np.array([value for _, value in steps])
-    state = LagState.start(time_constant_s, times[0], values[0], hold)
-    for time_s, value in zip(times[1:].tolist(), values[1:].tolist(), strict=True):
-        state = state.update(time_s, value, 900.0)
-    assert last_state(times, values, time_constant_s, hold, 900.0) == state
+    begins_s = beginnings(times, rested_s)
+    state = None
+    for time_s, value in zip(times.tolist(), values.tolist(), strict=True):
+        begun_s = begins_s[begins_s <= time_s][-1]
+        if state is None or time_s == begun_s:
+            state = LagState.start(time_constant_s, time_s, value, hold)
+        else:
+            state = state.update(time_s, value, 900.0)
+    assert last_state(times, values, time_constant_s, hold, 900.0, begins_s) == state

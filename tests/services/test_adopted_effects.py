@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from app.effects.conditions import recorded_conditions
 from app.effects.driver import AboveReference
 from app.effects.effect import Effect, Provenance
 from app.effects.shape import Everywhere
@@ -22,7 +23,9 @@ from app.services.adopt_analysis import version_with_effects
 from app.services.change_model import changing_machine
 from app.services.follow_database import DatabaseFollower
 from app.services.readings import store_readings
+from app.thermal.machine import Sensor
 from app.thermal.reading import Reading
+from app.thermal.temperature_history import TemperatureHistory
 from tests.effect_examples import (
     ALL,
     BACKLASH,
@@ -34,6 +37,7 @@ from tests.effect_examples import (
     current,
     numbers,
     predicted,
+    response_of_all,
     stored,
     warm_up,
 )
@@ -212,7 +216,7 @@ async def test_sensors_that_report_apart_need_no_rebuilding(client, app, monkeyp
     assert (await current(client))["complete"] is True
 
 
-async def test_a_gap_makes_a_lag_begin_anew(client, app, clock):
+async def test_a_lag_waits_until_a_gap_is_forgotten(client, app, clock):
     adopt(app, LAG)
     readings = warm_up(70)
     await stored(client, readings)
@@ -220,7 +224,73 @@ async def test_a_gap_makes_a_lag_begin_anew(client, app, clock):
     clock.advance(1800)
     await stored(client, reading(START + timedelta(seconds=1800), 25.5))
     document = await current(client)
-    assert "got 0 min" in document["effects"][0]["missing"]
+    assert document["complete"] is False
+    # 1 − exp(−30/10) of it; that is a twentieth after 10 ln(0.95/0.05) = 29.4 min.
+    missing = document["effects"][0]["missing"]
+    assert "95% of what follows it with a time constant of 10 min" in missing
+    assert "30 min without another one" in missing
+    clock.advance(1800)
+    for minute in range(31):
+        await stored(client, reading(START + timedelta(minutes=30 + minute), 25.5))
+    assert (await current(client))["complete"] is True
+
+
+def not_read(readings, since_min, until_min):
+    return [r for i, r in enumerate(readings) if not since_min < i < until_min]
+
+
+def not_believed(readings, since_min, until_min):
+    """One sensor reads nonsense: too hot for it."""
+    return [
+        r | {"temperatures_c": r["temperatures_c"] | {"y-front": 999.0}}
+        if since_min < i < until_min
+        else r
+        for i, r in enumerate(readings)
+    ]
+
+
+def state_not_read(readings, since_min, until_min):
+    return [r | {"state": {}} if since_min < i < until_min else r for i, r in enumerate(readings)]
+
+
+def expected_of(driver, readings):
+    """What a response says at the last of a whole record of readings."""
+    times_s = [datetime.fromisoformat(r["time"]).timestamp() for r in readings]
+    sensors = {name: Sensor(name, max_age_s=120.0) for name in readings[0]["temperatures_c"]}
+    history = TemperatureHistory.of_readings(
+        sensors, [(t, r["temperatures_c"]) for t, r in zip(times_s, readings, strict=True)]
+    )
+    states = [(t, r["state"]) for t, r in zip(times_s, readings, strict=True)]
+    return driver.at(recorded_conditions(sensors, history, states, np.array(times_s[-1:])))[0]
+
+
+@pytest.mark.parametrize("gap_min", [4, 12, 45, 120])
+@pytest.mark.parametrize("lose", [not_read, not_believed, state_not_read])
+async def test_after_a_gap_a_response_is_that_of_the_whole_record_or_missing(
+    client, app, lose, gap_min
+):
+    """Its short filters began anew on the warm machine and counted from there, unseen."""
+    warm = response_of_all("EXX")
+    adopt(app, warm)
+    whole = warm_up(420)
+    spoilt = lose(whole, 150, 150 + gap_min)
+    said = []
+    for at in (150 + gap_min, 224 + gap_min, 420):
+        await stored(client, [r for r in spoilt if r["time"] <= whole[at]["time"]])
+        now = await current(client)
+        (effect,) = now["effects"]
+        asked = {"component": "EXX", "position_mm": 250.0}
+        then = await predicted(client, asked, time=datetime.fromisoformat(whole[at]["time"]))
+        said.append(effect["missing"])
+        assert (then["status"] == ["effect-missing"]) == (effect["missing"] != "")
+        if effect["missing"]:
+            assert now["complete"] is False
+        else:
+            (sure,) = effect["sureness"]
+            expected = expected_of(warm.terms[0].driver, whole[: at + 1])
+            assert sure["corrected"] == pytest.approx(expected, abs=0.25)
+    assert "were missing" in said[0]
+    assert gap_min > 12 or said[-1] == ""
 
 
 async def test_the_etag_changes_with_what_drives_effects(client, app):

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.conditions import BETWEEN_READINGS, Signal
-from app.effects.low_pass import SETTLED, FromStart, LagState
+from app.effects.low_pass import (
+    RESTED_S,
+    SETTLED,
+    TOGETHER_S,
+    FromStart,
+    LagState,
+)
 from app.units import SECONDS_PER_MIN
 
 
@@ -23,12 +29,19 @@ class LiveLags:
     filters
         Signal and time constant [s] to the filter, None before its first reading.
     max_gaps_s
-        Kind and name of a signal to the longest gap between its readings that is bridged [s];
+        Kind and name of a signal to the longest gap over which its readings are known [s];
         any gap where it is left out.
+    rested_s
+        Without any reading for longer than this the machine rested [s].
+    begun_s, read_s
+        When it began to be read after the last rest, and when it was last read [s].
     """
 
     filters: Mapping[tuple[Signal, float], LagState | None]
     max_gaps_s: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    rested_s: float = RESTED_S
+    begun_s: float = -math.inf
+    read_s: float = -math.inf
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give the filters' outputs, NaN where there is none or it has not settled."""
@@ -58,6 +71,13 @@ class LiveLags:
         """Give nothing: readings are not kept, and later ones have not come."""
         return np.full(times_s.shape, np.nan)
 
+    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Say which share of a filter's output rests on gaps."""
+        state = self.filters.get((signal, time_constant_s))
+        if state is None:
+            return np.full(times_s.shape, np.nan)
+        return np.array([state.unread_at(time_s) for time_s in times_s.tolist()])
+
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how long the filter has been running."""
         have = self.record_before_s(signal, float(times_s.min()))
@@ -84,18 +104,21 @@ class LiveLags:
         temperatures_c
             Believable temperatures [°C].
         """
+        begins = time_s - self.read_s > self.rested_s
+        begun_s = time_s if begins else self.begun_s
+        at_rest = time_s - begun_s <= TOGETHER_S
         read = {"temperature": temperatures_c, "state": states}
-        carried = dict(self.filters)
-        for (signal, tau_s), state in self.filters.items():
+        carried = dict.fromkeys(self.filters) if begins else dict(self.filters)
+        for (signal, tau_s), state in carried.items():
             value = read[signal.kind].get(signal.name)
             if value is not None:
                 value = signal.of(value)
                 carried[signal, tau_s] = (
-                    LagState.start(tau_s, time_s, value, BETWEEN_READINGS)
+                    LagState.start(tau_s, time_s, value, BETWEEN_READINGS, at_rest=at_rest)
                     if state is None
                     else state.update(time_s, value, self._max_gap_s(signal))
                 )
-        return LiveLags(carried, self.max_gaps_s)
+        return replace(self, filters=carried, begun_s=begun_s, read_s=max(time_s, self.read_s))
 
     def _max_gap_s(self, signal: Signal) -> float:
         return self.max_gaps_s.get((signal.kind, signal.name), math.inf)
