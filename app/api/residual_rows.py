@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
 import numpy as np
 
+from app.csv_text import csv_line
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.identification.residuals.residuals import channel_unit
 from app.services.residuals import ShownResiduals
@@ -51,12 +50,11 @@ def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[s
 def residuals_csv(shown: ShownResiduals) -> str:
     """Write all residuals as CSV with a header."""
     rows = residual_rows(shown)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]))
-    writer.writeheader()
+    lines = [csv_line(rows[0])]
     for row in rows:
-        writer.writerow(row | {"time": f"{row['time']:%Y-%m-%dT%H:%M:%S.%fZ}"})
-    return text.getvalue()
+        dated = row | {"time": f"{row['time']:%Y-%m-%dT%H:%M:%S.%fZ}"}
+        lines.append(csv_line(dated.values()))
+    return "".join(lines)
 
 
 def _direction(channel: str, directions: Sequence[float]) -> str:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import Any, Final
 
 import typer
 
 from app.cli.options import write_file
+from app.csv_text import csv_line, no_formula
 from app.errors import counted
 from app.geometry.components import LINEAR_LETTERS
 from app.identification.analysis.analysis import NextVisit, PlannedPlace
@@ -39,19 +38,17 @@ def write_next_visit(file: Path, machine: str, visit: NextVisit | None) -> None:
 def visit_csv(machine: str, visit: NextVisit) -> str:
     """Write a proposed visit as `thermap analyse --plan --verification` reads it."""
     planned = visit.planned
-    text = StringIO()
     head = [f"label: {planned.label}", f"machine: {machine}", f"datum: {planned.datum}"]
     if planned.repeatability_um is not None:
         head.append(f"repeatability_um: {planned.repeatability_um!r}")
     # A sentence without a colon is read by people alone.
     head.append(visit.sentence.replace(":", ";"))
-    text.writelines(f"# {line}\n" for line in head)
     rows = [_cells(o) for o in planned.observations]
     used = [c for c in _COLUMNS if any(c in row for row in rows)]
-    writer = csv.DictWriter(text, used, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    lines = [f"# {no_formula(line)}\n" for line in head]
+    lines.append(csv_line(used))
+    lines += [csv_line(row.get(column, "") for column in used) for row in rows]
+    return "".join(lines)
 
 
 def _cells(place: PlannedPlace) -> Mapping[str, Any]:

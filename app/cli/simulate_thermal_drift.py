@@ -7,12 +7,10 @@ find.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -34,6 +32,7 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.simulate_verification import NothingToSimulate
+from app.csv_text import csv_line, no_formula
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
@@ -280,30 +279,25 @@ def _written(
     moves = rows[0].target_mm is not None
     temperatures = list(dict.fromkeys(n for row in rows for n in row.reading.temperatures_c))
     states = list(dict.fromkeys(n for row in rows for n in row.reading.state))
-    text = StringIO()
-    text.writelines(f"# {line}\n" for line in head)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        [
-            "time",
-            *(["position_mm"] if moves else []),
-            *(f"{sensor}_um" for sensor in sensors),
-            *(f"temperature {name}" for name in temperatures),
-            *(f"state {name}" for name in states),
-        ]
-    )
+    columns = [
+        "time",
+        *(["position_mm"] if moves else []),
+        *(f"{sensor}_um" for sensor in sensors),
+        *(f"temperature {name}" for name in temperatures),
+        *(f"state {name}" for name in states),
+    ]
+    lines = [*(f"# {no_formula(line)}\n" for line in head), csv_line(columns)]
     for row, read in zip(rows, values, strict=True):
         reading = row.reading
-        writer.writerow(
-            [
-                _time(reading),
-                *([repr(row.target_mm)] if moves else []),
-                *(f"{value:.{_DECIMALS}f}" for value in read),
-                *(_cell(reading.temperatures_c.get(name)) for name in temperatures),
-                *(_cell(reading.state.get(name)) for name in states),
-            ]
-        )
-    return text.getvalue()
+        cells = [
+            _time(reading),
+            *([repr(row.target_mm)] if moves else []),
+            *(f"{value:.{_DECIMALS}f}" for value in read),
+            *(_cell(reading.temperatures_c.get(name)) for name in temperatures),
+            *(_cell(reading.state.get(name)) for name in states),
+        ]
+        lines.append(csv_line(cells))
+    return "".join(lines)
 
 
 def _time(reading: ReadingSchema) -> str:

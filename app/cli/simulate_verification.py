@@ -6,11 +6,9 @@ The model at the times of stored readings, and noise: a machine that is as its m
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
@@ -29,6 +27,7 @@ from app.cli.options import (
     read_time,
     write_file,
 )
+from app.csv_text import csv_line, no_formula
 from app.errors import ThermapError, UnknownComponent, counted, list_names
 from thermap import DEFAULT_URL
 
@@ -437,12 +436,10 @@ def _row(observation: Observation, values: Sequence[float]) -> list[Any]:
 def _written(head: Iterable[str], rows: Sequence[Sequence[Any]]) -> str:
     """Write the file, without the columns that hold nothing."""
     used = [i for i in range(len(_COLUMNS)) if any(row[i] != "" for row in rows)]
-    text = StringIO()
-    text.writelines(f"# {line}\n" for line in head)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([_COLUMNS[i] for i in used])
-    writer.writerows([[row[i] for i in used] for row in rows])
-    return text.getvalue()
+    lines = [f"# {no_formula(line)}\n" for line in head]
+    lines.append(csv_line(_COLUMNS[i] for i in used))
+    lines += [csv_line(row[i] for i in used) for row in rows]
+    return "".join(lines)
 
 
 def _disturbances(noise: float, seed: int, reversals: Mapping[str, float]) -> str:

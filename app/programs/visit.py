@@ -6,13 +6,12 @@ the program that is written here.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from app.csv_text import csv_line, no_formula
 from app.effects.observations import Observation, Verification
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
@@ -273,11 +272,12 @@ def _readings_file(machine: Machine, planned: Verification, ordered: Sequence[Ob
         lines.append(f"# repeatability_um: {planned.repeatability_um!r}")
     if has_components and any(_is_angle(one) for one in ordered):
         lines.append("# Lengths go into measured_um, angles and squareness into measured_urad")
-    lines.append(_csv(columns))
+    lines = [f"{no_formula(line)}\n" for line in lines]
+    lines.append(csv_line(columns))
     for one in ordered:
         cells = _cells(one)
-        lines.append(_csv(cells.get(name, "") for name in columns))
-    return "".join(f"{line}\n" for line in lines)
+        lines.append(csv_line(cells.get(name, "") for name in columns))
+    return "".join(lines)
 
 
 def _is_angle(one: Observation) -> bool:
@@ -301,9 +301,3 @@ def _cells(one: Observation) -> dict[str, str]:
     if axis:
         cells["direction"] = signs[one.directions[LINEAR_LETTERS.index(axis)]]
     return cells
-
-
-def _csv(cells: Iterable[str]) -> str:
-    line = io.StringIO()
-    csv.writer(line, lineterminator="").writerow(cells)
-    return line.getvalue()

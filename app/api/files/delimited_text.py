@@ -18,14 +18,26 @@ from pathlib import Path
 from typing import Any, Final
 
 from app.api.files.decimal_text import read_number
+from app.csv_text import without_marks
 from app.errors import ThermapError, counted, list_names
 
 SHOWN: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
 
+LONGEST_LINE: Final = 20_000
+LONGEST_CELL: Final = 1_000
+"""Of a line and of one of its cells [characters]: names and numbers are shorter."""
+
+MOST_COLUMNS: Final = 1_000
+MOST_CELLS: Final = 1_500_000
+"""Of a whole table: its lines by its columns, whether anything stands there or not."""
+
+MOST_COMMENTS: Final = 1_000
+"""Comment lines of a file."""
+
 _DELIMITERS: Final = (",", ";", "\t")
 _QUOTED: Final = re.compile('"[^"]*"')
-_STATED_DELIMITER: Final = re.compile(r'"?sep=(.)"?[\s;,]*', re.I)
+_STATED_DELIMITER: Final = re.compile(r'"?sep=([^\w\s"]|\t)"?[\s;,]*', re.I)
 """Excel's first line, which says what parts the columns."""
 
 _STATEMENT: Final = re.compile(r"(label|measured[_ ]at|machine|temperature .+)", re.I)
@@ -69,7 +81,7 @@ class UnreadableFile(ThermapError):
         self, detail: str, wrong: Sequence[str] | None = None, lacks: Sequence[Lack] = ()
     ) -> None:
         super().__init__(detail)
-        self.wrong = detail.splitlines() if wrong is None else wrong
+        self.wrong = detail.split("\n") if wrong is None else wrong
         self.lacks = lacks
 
 
@@ -78,19 +90,24 @@ class Problems:
     """What is wrong with one file, collected so that all of it is said at once."""
 
     file: Path
-    found: list[str] = field(default_factory=list)
+    number: int = 0
+    first: list[str] = field(default_factory=list)
     lacks: list[tuple[Lack, str]] = field(default_factory=list)
+    _once: set[str] = field(default_factory=set)
 
     def add(self, message: str, line: int | None = None, column: str = "") -> None:
         """Note a problem, with the number of its line and the column's name and number."""
         place = "".join(
             (str(self.file), f", line {line}" if line else "", f", {column}" if column else "")
         )
-        self.found.append(f"{place}: {message}")
+        self.number += 1
+        if len(self.first) < SHOWN:
+            self.first.append(f"{place}: {message}")
 
     def add_once(self, message: str, line: int) -> None:
         """Note a problem of a line that every line below it would come upon."""
-        if not any(text.endswith(f", line {line}: {message}") for text in self.found):
+        if message not in self._once:
+            self._once.add(message)
             self.add(message, line)
 
     def lack(self, field: str, message: str, how: str = "", line: int | None = None) -> None:
@@ -100,17 +117,17 @@ class Problems:
 
     def listed(self) -> list[str]:
         """List the first problems, and how many more there are."""
-        return self._first([*self.found, *(text for _, text in self.lacks)])
+        return self._cut([*self.first, *(text for _, text in self.lacks)], len(self.lacks))
 
-    def _first(self, texts: list[str]) -> list[str]:
-        more = len(texts) - SHOWN
+    def _cut(self, texts: list[str], others: int = 0) -> list[str]:
+        more = self.number + others - SHOWN
         return texts[:SHOWN] + ([f"{self.file}: … and {more} more"] if more > 0 else [])
 
     def raise_if_any(self) -> None:
         """Raise UnreadableFile with all of them."""
-        if self.found or self.lacks:
+        if self.number or self.lacks:
             lacks = [lack for lack, _ in self.lacks]
-            raise UnreadableFile("\n".join(self.listed()), self._first(self.found), lacks)
+            raise UnreadableFile("\n".join(self.listed()), self._cut(self.first), lacks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +218,17 @@ def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     return parse_delimited(read_text(file), problems)
 
 
+def split_lines(text: str) -> list[str]:
+    r"""Split a file's text at its ends of lines, and at nothing else that Unicode calls one.
+
+    >>> split_lines("a\r\nb\rc\u2028d\n")
+    ['a', 'b', 'c\u2028d']
+    """
+    unmarked = text.removeprefix(_BYTE_ORDER_MARK)
+    lines = unmarked.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return lines if lines[-1] else lines[:-1]
+
+
 def parse_delimited(text: str, problems: Problems, most: int | None = None) -> DelimitedText:
     """Read a text into comments, column names and rows.
 
@@ -219,13 +247,16 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
     stated = None
-    for line, written in enumerate(text.removeprefix(_BYTE_ORDER_MARK).splitlines(), start=1):
+    for line, written in enumerate(split_lines(text), start=1):
+        if len(written) > LONGEST_LINE:
+            problems.add(f"expected at most {LONGEST_LINE} characters, got {len(written)}", line)
+            problems.raise_if_any()
         if not contents and not stated and (says := _STATED_DELIMITER.fullmatch(written)):
             stated = says[1]
             continue
         bare = written.strip().strip('"').lstrip()
         if bare.startswith("#"):
-            comments.append((line, bare.lstrip("#").strip(' \t;,"')))
+            comments.append((line, without_marks(bare.lstrip("#").strip(' \t;,"'))))
         elif written.strip(" \t;,"):
             contents.append((line, written))
     if not contents:
@@ -234,12 +265,28 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     if most is not None and len(contents) > most + 1:
         problems.add(f"expected at most {most} lines of values, got {len(contents) - 1}")
         problems.raise_if_any()
+    if len(comments) > MOST_COMMENTS:
+        problems.add(f"expected at most {MOST_COMMENTS} comment lines, got {len(comments)}")
+        problems.raise_if_any()
     heading_line, first = contents[0]
     delimiter = stated or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
+    if len(headings) > MOST_COLUMNS:
+        problems.add(f"expected at most {MOST_COLUMNS} columns, got {len(headings)}", heading_line)
+        problems.raise_if_any()
+    if len(headings) * (len(contents) - 1) > MOST_CELLS:
+        problems.add(
+            f"expected at most {MOST_CELLS} cells, lines by columns, got {len(contents) - 1} by "
+            f"{len(headings)}"
+        )
+        problems.raise_if_any()
     rows = [Row(line, _split(written, delimiter)) for line, written in contents[1:]]
+    for row in (Row(heading_line, headings), *rows):
+        if any(len(cell) > LONGEST_CELL for cell in row.cells):
+            problems.add(f"expected cells of at most {LONGEST_CELL} characters", row.line)
+    problems.raise_if_any()
     _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
@@ -274,12 +321,17 @@ def text_of(content: bytes, file: Path) -> str:
             return workbook_text(content)
         except NoTable as error:
             raise UnreadableFile(f"{file}: {error.detail}") from None
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return content.decode("utf-16", errors="replace")
-    if b"\0" in content:  # no text has one; pictures and archives do
+    text = _decoded(content)
+    if "\0" in text:  # no text has one; pictures and archives do
         raise UnreadableFile(
             f"{file}: expected text (CSV) or an Excel workbook, got a file of another kind"
         )
+    return text
+
+
+def _decoded(content: bytes) -> str:
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", errors="replace")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -292,10 +344,7 @@ def left_out(headings: Iterable[str]) -> str:
 
 
 def _split(text: str, delimiter: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
-    except csv.Error:  # a field of more than 128 KiB: no number, no name
-        return [text[:80]]
+    return [without_marks(cell.strip()) for cell in next(csv.reader([text], delimiter=delimiter))]
 
 
 def _expect_comments(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import Annotated, Any, Final, Literal
 
 import orjson
@@ -16,6 +14,7 @@ from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
 from app.api.routes.readings import SinceQuery, UntilQuery
 from app.api.schemas.base import StoredInteger
+from app.csv_text import csv_line
 from app.events.event import Event, EventKind, Events
 from app.services.events import show_events
 
@@ -94,19 +93,15 @@ def get_events(
 def _answer(request: Request, events: Events, form: str) -> Events | Response:
     if form != "csv" and CSV not in request.headers.get("accept", ""):
         return events
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(("time", "until", "kind", "machine", "who", "count", "text", "details"))
-    for event in events.events:
-        writer.writerow(_row(event))
+    heading = ("time", "until", "kind", "machine", "who", "count", "text", "details")
+    text = "".join(map(csv_line, (heading, *map(_row, events.events))))
     headers = {"Content-Disposition": 'attachment; filename="events.csv"'}
-    return Response(text.getvalue(), media_type=CSV, headers=headers)
+    return Response(text, media_type=CSV, headers=headers)
 
 
 def _row(event: Event) -> tuple[str, ...]:
-    """Write an event as a row; what a spreadsheet would compute is kept from being a formula."""
     until = "" if event.until is None else event.until.isoformat()
-    cells = (
+    return (
         event.time.isoformat(),
         until,
         str(event.kind),
@@ -116,4 +111,3 @@ def _row(event: Event) -> tuple[str, ...]:
         event.text,
         orjson.dumps(event.details).decode(),
     )
-    return tuple(f"'{cell}" if cell.startswith(("=", "+", "-", "@")) else cell for cell in cells)
