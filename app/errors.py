@@ -24,6 +24,7 @@ Each carries one sentence for a person and, where fields are to blame, a
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -166,6 +167,15 @@ def counted(number: int, one: str, more: str | None = None) -> str:
     ('1 point', '0 points', '2 entries')
     """
     return f"{number} {one if number == 1 else more or one + 's'}"
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """List, in order, what is named more than once.
+
+    >>> repeated(["b", "a", "b", "c", "a"])
+    ['a', 'b']
+    """
+    return sorted(name for name, times in Counter(names).items() if times > 1)
 
 
 def expect_each_once(field: str, named: Sequence[int] | Sequence[str]) -> None:

@@ -11,7 +11,7 @@ from typing import Final
 from starlette.responses import HTMLResponse
 from starlette.types import Scope
 
-_SCRIPT: Final = re.compile(r"<script\b([^>]*)>(.*?)</script>", re.DOTALL | re.IGNORECASE)
+_SCRIPT: Final = re.compile(r"<script\b([^<>]*)>|</script>", re.IGNORECASE)
 _NOT_RUN: Final = re.compile(r"\ssrc\s*=|application/json", re.IGNORECASE)
 
 _POLICY: Final = (
@@ -71,7 +71,15 @@ def wants_page(scope: Scope) -> bool:
 
 def _scripts(content: str) -> list[str]:
     """Find the scripts that stand in a page: no files, and no data."""
-    return [text for kind, text in _SCRIPT.findall(content) if not _NOT_RUN.search(kind)]
+    found, begin = [], None
+    for tag in _SCRIPT.finditer(content):
+        if tag[1] is not None:
+            begin = begin or tag
+        elif begin is not None:
+            if not _NOT_RUN.search(begin[1]):
+                found.append(content[begin.end() : tag.start()])
+            begin = None
+    return found
 
 
 def _hash_source(script: str) -> str:

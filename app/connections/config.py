@@ -15,7 +15,7 @@ from app.connections.mqtt_tables import MqttTable
 from app.connections.mtconnect_connection import MtconnectTable
 from app.connections.opcua_connection import OpcuaTable
 from app.connections.opcua_security import OpcuaServerTable
-from app.errors import FieldError, InvalidContent
+from app.errors import FieldError, InvalidContent, repeated
 
 
 class IntakeTable(Table):
@@ -46,10 +46,9 @@ class ConnectionsFile(Table):
 
     @model_validator(mode="after")
     def _each_name_once(self) -> ConnectionsFile:
-        names = [table.name for table in self.connections]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"expected each name once, got {name!r} {names.count(name)} times")
+        twice = repeated(table.name for table in self.connections)
+        if twice:
+            raise ValueError(f"expected each name once, got {twice[0]!r} again")
         return self
 
 

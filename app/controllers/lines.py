@@ -18,12 +18,16 @@ LARGEST_ERROR_MM: Final = LARGEST_ERROR_UM / UM_PER_MM
 FARTHEST_MM: Final = 1e6
 """Positions further out are refused [mm]."""
 
-_NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _WHOLE: Final = re.compile(r"[+-]?\d{1,15}", re.ASCII)
-_MACHINE: Final = re.compile(r"thermap: machine (\S+)")
+_MACHINE: Final = re.compile(r"thermap: machine (\S{1,64})(?!\S)")
 _LONGEST_SHOWN: Final = 60
 _MOST_CHARACTERS: Final = 4_000_000
-_MOST_DIGITS: Final = 40
+LONGEST_LINE: Final = 1_000
+"""Of a line without its comment [characters]."""
+
+LONGEST_NUMBER: Final = 40
+"""A longer word is no number that a control writes [characters]."""
 
 
 class Line(NamedTuple):
@@ -42,7 +46,7 @@ class Line(NamedTuple):
 
     def number_of(self, text: str, what: str) -> float:
         """Read a finite decimal number, or refuse the line."""
-        if len(text) > _MOST_DIGITS or not _NUMBER.fullmatch(text):
+        if len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
             raise self.refuse(f"a number for {what}")
         value = float(text)
         if not math.isfinite(value):
@@ -95,7 +99,10 @@ def lines_of(file: str, content: str, comment: str | None = None) -> Iterator[Li
     for number, raw in enumerate(content.replace("\r\n", "\n").split("\n"), start=1):
         text = raw if comment is None else raw.partition(comment)[0]
         line = Line(file, number, text.strip(" \t"))
-        if any(ord(c) < 32 and c != "\t" for c in text) or "\x7f" in text or "\ufeff" in text:
+        if len(text) > LONGEST_LINE:
+            raise line.refuse(f"at most {LONGEST_LINE} characters")
+        # What is not printable is a control or a blank that no control knows, such as U+2028.
+        if not text.replace("\t", " ").isprintable():
             raise line.refuse("text without control characters or a byte-order mark")
         if line.text:
             yield line

@@ -16,7 +16,7 @@ END: Final = "M17"
 _HEADING: Final = re.compile(r"%_N_\w+|CHANDATA\s*\(\s*\d+\s*\)|;?\s*\$PATH=.*", re.IGNORECASE)
 _END: Final = re.compile(r"M(?:0?2|17|23|30)", re.IGNORECASE)
 _ASSIGNMENT: Final = re.compile(
-    r"(?:N\d+\s+)?\$(\w+)\s*\[([^\]]*)\]\s*=?\s*(\(\s*\w+\s*\)|'?[^\s()']+'?)", re.IGNORECASE
+    r"(?:N\d+\s+)?\$(\w+)\s*\[([^\]]*)\]\s*(?:=\s*)?(\(\s*\w+\s*\)|'?[^\s()']+'?)", re.IGNORECASE
 )
 _INDEX: Final = re.compile(r"\s*(\w+)\s*(?:[,.]\s*(\w+)\s*)?(?:[,.]\s*(\w+)\s*)?")
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from app.arrays import BoolArray, FloatArray
-from app.errors import InvalidContent
+from app.errors import InvalidContent, repeated
 from app.search.adequacy import adequacy
 from app.search.candidate import Candidate, Known, KnownTerm
 from app.search.common_scatter import screen_at_common_scatter
@@ -423,8 +423,7 @@ def _amplitudes_at(
 
 
 def _refuse(candidates: Sequence[Candidate], holdout_fraction: float, false_alarm: float) -> None:
-    keys = [c.key for c in candidates]
-    twice = sorted({k for k in keys if keys.count(k) > 1}) if len(set(keys)) < len(keys) else []
+    twice = repeated(c.key for c in candidates)
     if twice:
         raise InvalidContent.of_field(
             "candidates", f"expected different keys, got twice: {twice[0]}"

@@ -22,7 +22,7 @@ from app.controllers.format import (
     Parsed,
 )
 from app.controllers.registry import format_named, options_of
-from app.errors import InvalidContent, ThermapError, UnknownThing
+from app.errors import InvalidContent, ThermapError, UnknownThing, repeated
 from app.services.ask_field import FieldQuestion, ask_field
 from app.services.context import Context
 from app.services.live_table import table_at
@@ -220,10 +220,9 @@ def parse_files(
     """
     controller = format_named(controller_name)
     options = options_of(controller, stated)
-    names = [file.name for file in files]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidContent.of_field("files", f"expected each name once, got {name!r} twice")
+    twice = repeated(file.name for file in files)
+    if twice:
+        raise InvalidContent.of_field("files", f"expected each name once, got {twice[0]!r} twice")
     read = [file for file in files if file.name.rpartition("/")[2] != CHECK_FILE]
     return controller, options, controller.parse(read, options)
 

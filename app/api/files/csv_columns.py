@@ -14,7 +14,7 @@ from decimal import Decimal
 from typing import Final
 
 from app.api.files.delimited_text import DelimitedText, Row, left_out
-from app.errors import list_names
+from app.errors import list_names, repeated
 from app.units import MM_PER_M, UM_PER_MM, URAD_PER_RAD, unit_of_field
 
 _SPELLINGS: Final = {
@@ -197,6 +197,29 @@ def named(things: Iterable[Named], heading: str) -> tuple[Named, str] | None:
 
 
 @dataclass(frozen=True, slots=True)
+class _Nameable:
+    """Things by their names: a table of as many things as columns is not searched for each."""
+
+    by_name: Mapping[str, Sequence[tuple[int, Named]]]
+
+    @classmethod
+    def of(cls, things: Iterable[Named]) -> _Nameable:
+        """Sort things, which keep their order."""
+        by_name: dict[str, list[tuple[int, Named]]] = {}
+        for order, thing in enumerate(things):
+            for name in {thing.field, *thing.others}:
+                by_name.setdefault(name, []).append((order, thing))
+        return cls(by_name)
+
+    def by(self, heading: str) -> list[Named]:
+        """List those one of whose names a heading begins with."""
+        plain = f"{normal_heading(heading)}_"
+        ends = [i for i, letter in enumerate(plain) if letter == "_"]
+        begun = {order: thing for i in ends for order, thing in self.by_name.get(plain[:i], ())}
+        return [begun[order] for order in sorted(begun)]
+
+
+@dataclass(frozen=True, slots=True)
 class Column:
     """Where a named thing stands, and in which unit."""
 
@@ -288,11 +311,11 @@ def match_columns(text: DelimitedText, things: Iterable[Named]) -> list[Column]:
 
     Names with a longer beginning in common go first; two columns may hold the same thing.
     """
-    wanted = list(things)
+    nameable = _Nameable.of(things)
     return [
         Column(*match, index)
         for index, heading in enumerate(text.headings)
-        if (match := named(wanted, heading))
+        if (match := named(nameable.by(heading), heading))
     ]
 
 
@@ -339,7 +362,7 @@ def find_columns(
     read = {column.index for column in matches}
     others = [i for i in range(len(text.headings)) if i not in read]
     _complain_of_units(text, [t for t in things if t.field not in found], others)
-    if not text.problems.found:
+    if not text.problems.number:
         _complain_of_missing(text, [t for t in needed if t.field not in found], needed, optional)
     text.problems.raise_if_any()
     unread = [text.headings[i] for i in others if text.headings[i]]
@@ -350,9 +373,10 @@ def find_columns(
 
 def _complain_of_units(text: DelimitedText, absent: Sequence[Named], others: list[int]) -> None:
     """Note columns that would be what is absent, but for their unit."""
+    nameable = _Nameable.of(absent)
     for i in others:
         heading = text.headings[i]
-        for thing in absent:
+        for thing in nameable.by(heading):
             if thing.fails_by_unit(heading):
                 unit = thing.unit_in(heading) or ""
                 text.problems.add(thing.complaint(unit), text.heading_line, text.place(i))
@@ -391,7 +415,7 @@ def name_after(word: str, heading: str) -> str:
 def names_after(text: DelimitedText, word: str) -> dict[int, str]:
     """Find the columns that begin with a word, and what each names; one named twice is noted."""
     names = {i: name for i, h in enumerate(text.headings) if (name := name_after(word, h))}
-    twice = sorted(n for n in set(names.values()) if list(names.values()).count(n) > 1)
+    twice = repeated(names.values())
     if twice:
         text.problems.add(
             f"expected each {word} in one column, got {list_names(twice)} again", text.heading_line

@@ -241,10 +241,10 @@ def _component_of(table: _Table, row: Row) -> Component | None:
 
 def _read_point(table: _Table, row: Row, component: Component) -> _Point | None:
     problems = table.text.problems
-    before = len(problems.found)
+    before = problems.number
     position_mm = table.columns.number(row, "position")
     values = {kind: _read_value(table, row, kind, component) for kind in _KINDS}
-    if len(problems.found) > before:
+    if problems.number > before:
         return None
     if values[_ERROR] is None:
         forward = table.values[_ERROR]
@@ -350,7 +350,7 @@ def _make_component(
     """Put a component's rows in order of position."""
     component = parse_component(name)[0]
     ordered = sorted(points, key=lambda p: (p.position_mm or 0.0, p.row.line))
-    before = len(text.problems.found)
+    before = text.problems.number
     for earlier, later in pairwise(ordered):
         if earlier.position_mm == later.position_mm:
             at = "" if later.position_mm is None else f" at {later.position_mm:g} mm"
@@ -361,7 +361,7 @@ def _make_component(
             )
     for kind, words in _KINDS.items():
         _complain_of_gaps(text, component, kind, words, ordered)
-    if len(text.problems.found) > before:
+    if text.problems.number > before:
         return None
     return ComponentSchema(component=name, **_numbers(component, ordered))
 

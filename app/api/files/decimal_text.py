@@ -6,7 +6,10 @@ import math
 import re
 from typing import Final
 
-_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+LONGEST_NUMBER: Final = 40
+"""A longer text is no number that anybody wrote [characters]."""
+
+_NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 
 
 def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
@@ -17,7 +20,10 @@ def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
     >>> read_number("1e999") is None
     True
     """
-    written = text.strip().replace("\N{MINUS SIGN}", "-")
+    written = text.strip()
+    if len(written) > LONGEST_NUMBER:
+        return None
+    written = written.replace("\N{MINUS SIGN}", "-")
     if decimal_comma and "." not in written:
         written = written.replace(",", ".")
     number = float(written) if _NUMBER.fullmatch(written) else math.inf

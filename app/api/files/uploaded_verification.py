@@ -71,7 +71,7 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
             )
         found = check_verification(read.body, Problems(file), read.lines)
     except UnreadableFile as error:
-        raise _of_lines(error.detail.splitlines()) from None
+        raise _of_lines(error.wrong) from None
     return UploadedVerification(file, found, read.remarks, read.lines)
 
 

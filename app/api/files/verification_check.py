@@ -15,7 +15,7 @@ from app.api.schemas.verifications import VerificationRequest
 from app.effects.observations import Verification
 from app.errors import InvalidContent
 
-_PLACE: Final = re.compile(r"observations\.(\d+)\.?(.*)")
+_PLACE: Final = re.compile(r"observations\.(\d+)\b\.?(.*)")
 
 
 def check_verification(

@@ -51,7 +51,7 @@ TESTS: Final = {
 
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
-    r"(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|h|k|c)(_per_(?P<per>\w+))?"
+    r"(?=\w+\Z)(?P<stem>\w+?)_(?P<unit>um_per_m|urad_per_m|um|urad|mm|deg|min|h|k|c)(_per_(?P<per>\w+))?"
 )
 _SYMBOLS: Final = {"min": "min", "h": "h", "k": "K", "c": "°C", "k2": "K²", "day": "day"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -85,6 +86,7 @@ class Runs:
 
     columns: Columns
     found: dict[tuple[str, float], dict[float, float]] = field(default_factory=dict)
+    counted: Counter[tuple[str, float]] = field(default_factory=Counter)
     rows: dict[float, Row] = field(default_factory=dict)
     wrong: set[tuple[str, float]] = field(default_factory=set)
 
@@ -97,7 +99,8 @@ class Runs:
             self.wrong.add((name, position))
             return
         if run is None:
-            run = 1.0 + sum(position in self.found[key] for key in self.found if key[0] == name)
+            self.counted[name, position] += 1
+            run = float(self.counted[name, position])
         readings = self.found.setdefault((name, run), {})
         if position in readings:
             self.columns.text.problems.add(
@@ -108,19 +111,26 @@ class Runs:
     def in_order(self) -> tuple[list[float], Readings]:
         """Give the positions, increasing, and each field's runs over them.
 
-        A run that lacks a position is noted at the position's first line.
+        A run that lacks a position is noted at the position's first line, and the runs after it
+        are not looked at: where there is a run for each line, each of them lacks all the others.
         """
         positions = sorted(self.rows)
         readings: Readings = {}
         for name, run in sorted(self.found):
             values = self.found[name, run]
-            for position in positions:
-                if position not in values and (name, position) not in self.wrong:
-                    self.columns.text.problems.add(
-                        f"expected {name} of run {run:g} at {position:g} mm, got none",
-                        self.rows[position].line,
-                        self._place(name),
-                    )
+            lacking = (
+                [p for p in positions if p not in values and (name, p) not in self.wrong]
+                if len(values) < len(positions)
+                else []
+            )
+            for position in lacking:
+                self.columns.text.problems.add(
+                    f"expected {name} of run {run:g} at {position:g} mm, got none",
+                    self.rows[position].line,
+                    self._place(name),
+                )
+            if lacking:
+                break
             readings.setdefault(name, []).append([values[p] for p in positions if p in values])
         return positions, readings
 

@@ -185,7 +185,7 @@ def _read_positioning(
     else:
         runs = _runs_in_lines(find_columns(text, [_TARGET, _ERROR], [RUN, _DIRECTION], remarks))
     targets, readings = runs.in_order()
-    if text.rows and "forward" not in readings and not text.problems.found:
+    if text.rows and "forward" not in readings and not text.problems.number:
         text.problems.add("expected forward readings, got none", text.heading_line)
     ways = {way.full: readings[way.field] for way in _WAYS if way.field in readings}
     return {**statements, "targets_mm": targets, **ways}

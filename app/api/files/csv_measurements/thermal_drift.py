@@ -28,10 +28,8 @@ _POSITION: Final = Named("position", POSITION)
 _DISPLACEMENTS: Final = tuple(
     Named(sensor, LENGTH, (f"displacement_{sensor}",)) for sensor in SENSORS
 )
-_SENSOR: Final = re.compile(
-    r"(?P<name>.+?)(?:\s*[\[(](?P<unit>[^\])]*)[\])]?|\s*(?P<bare>°\s?\w)|_c)?"
-)
-"""A sensor's name, and what follows it of a unit."""
+_UNIT: Final = re.compile(r"[\[(]([^\[\]()]*)[\])]?|(°\s?\w)|_c")
+"""What follows a sensor's name of a unit."""
 
 
 def _moment(text: str) -> str:
@@ -93,18 +91,32 @@ def _read_thermal_drift(
 def _sensors(text: DelimitedText) -> dict[int, str]:
     """Find the columns `temperature SENSOR`, in °C whether they say so or not."""
     found = {}
-    for i, name in names_after(text, "temperature").items():
-        match = _SENSOR.fullmatch(name)
-        unit = (match["unit"] or match["bare"] or "C") if match else ""
-        if match is None or unit.strip("° ").upper() != "C":
+    for i, heading in names_after(text, "temperature").items():
+        name, unit = _name_and_unit(heading)
+        if unit.strip("° ").upper() != "C":
             text.problems.add(
                 f"expected temperatures in °C, got {text.headings[i]!r}",
                 text.heading_line,
                 text.place(i),
             )
         else:
-            found[i] = match["name"]
+            found[i] = name
     return found
+
+
+def _name_and_unit(heading: str) -> tuple[str, str]:
+    """Part a sensor's name from its unit, °C where it states none.
+
+    >>> _name_and_unit("bed (left) [°C"), _name_and_unit("bed_c"), _name_and_unit("bed °F")
+    (('bed (left)', '°C'), ('bed', 'C'), ('bed', '°F'))
+    """
+    for mark in "[(°_":
+        begin = heading.rfind(mark)
+        unit = _UNIT.fullmatch(heading, begin) if begin > 0 else None
+        if unit:
+            stated = unit[1] or unit[2] or "C"
+            return heading[:begin].rstrip(), stated
+    return heading, "C"
 
 
 THERMAL_DRIFT: Final = Format(

@@ -24,13 +24,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from app.api.files.csv_measurements import CsvMeasurement
-from app.api.files.delimited_text import Problems
+from app.api.files.delimited_text import LONGEST_LINE, Problems, split_lines
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 
 BEGINS: Final = re.compile(r"\s*HEADER\s*::", re.I)
 
-_SECTION: Final = re.compile(r"([A-Z][A-Z -]*?)\s*::", re.I)
+_SECTION: Final = re.compile(r"([A-Z][A-Z \t-]*)::", re.I)
 _NUMBER: Final = re.compile(r"[+-]?(?:\d{1,9}(?:[.,]\d{0,12})?|[.,]\d{1,12})(?:[eE][+-]?\d{1,2})?")
 _COUNT: Final = re.compile(r"\d{1,6}", re.ASCII)
 _AXIS: Final = re.compile(r"(?<![A-Z0-9])([XYZ])\d?(?![A-Z0-9])", re.I)
@@ -153,7 +153,10 @@ def _sections_of(text: str, file: Path) -> _File:
     """Part a file at its section heads."""
     found = _File(Problems(file), {}, {})
     name = ""
-    for number, written in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
+    for number, written in enumerate(split_lines(text), start=1):
+        if len(written) > LONGEST_LINE:
+            found.refuse(f"at most {LONGEST_LINE} characters", written, number)
+            break
         line = written.strip()
         head = _SECTION.fullmatch(line)
         if head:
@@ -173,7 +176,7 @@ def _sections_of(text: str, file: Path) -> _File:
 
 def _check_kind(found: _File) -> None:
     """Say of a file of another kind what it is."""
-    if found.problems.found:
+    if found.problems.number:
         return
     missing = [name for name in _NEEDED if name not in found.sections]
     if missing:
