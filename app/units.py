@@ -8,7 +8,7 @@ module also says which unit a field's name promises.
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from enum import StrEnum
 from typing import Final
 
@@ -158,6 +158,78 @@ def exact_time(time: datetime) -> str:
     '2026-03-01T06:00:00.250000Z'
     """
     return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+class LacksZone(ValueError):
+    """A time that states no zone."""
+
+
+EARLIEST_TIME: Final = datetime(1900, 1, 1, tzinfo=UTC)
+LATEST_TIME: Final = datetime(3000, 1, 1, tzinfo=UTC)
+
+LONGEST_TIME: Final = 40
+"""Of a time as text [characters]."""
+
+
+def expect_usable_time(time: datetime) -> datetime:
+    """Keep clear of the calendar's ends, beyond which no zone can be reckoned into another.
+
+    Raises
+    ------
+    ValueError
+        If it is before 1900 or after 2999.
+
+    Examples
+    --------
+    >>> expect_usable_time(datetime(1, 1, 1, tzinfo=UTC))
+    Traceback (most recent call last):
+    ValueError: a time from the year 1900 to 2999
+    """
+    if not EARLIEST_TIME <= time < LATEST_TIME:
+        raise ValueError("a time from the year 1900 to 2999")
+    return time
+
+
+def read_time(text: str, zone: tzinfo | None = None) -> datetime:
+    """Read a time in ISO 8601, and keep its zone.
+
+    Parameters
+    ----------
+    zone
+        Of a time that states none.
+
+    Raises
+    ------
+    LacksZone
+        If it states none, and there is no other.
+    ValueError
+        If it is no time, or one that cannot be reckoned with.
+
+    Examples
+    --------
+    >>> read_time("2026-03-01T06:00:00+01:00").isoformat()
+    '2026-03-01T06:00:00+01:00'
+    """
+    if len(text) > LONGEST_TIME:
+        raise ValueError("a time such as 2026-03-01T06:00:00Z")
+    time = datetime.fromisoformat(text)
+    if time.tzinfo is None:
+        if zone is None:
+            raise LacksZone("a time with its zone, such as 2026-03-01T06:00:00Z")
+        time = time.replace(tzinfo=zone)
+    return expect_usable_time(time)
+
+
+def time_since_1970(seconds: float) -> datetime:
+    """Give the time that a count of seconds since 1970-01-01 UTC means; ValueError as `read_time`.
+
+    >>> time_since_1970(0.5).isoformat()
+    '1970-01-01T00:00:00.500000+00:00'
+    """
+    try:
+        return expect_usable_time(datetime.fromtimestamp(seconds, UTC))
+    except (OverflowError, OSError):
+        raise ValueError("a time from the year 1900 to 2999") from None
 
 
 def duration_text(seconds: float) -> str:

@@ -14,6 +14,7 @@ import typer
 
 from app.api.files.decimal_text import read_number
 from app.errors import ThermapError, list_names
+from app.units import read_time as read_iso_time
 from thermap import DEFAULT_URL, URL_VARIABLE
 
 if TYPE_CHECKING:
@@ -299,15 +300,12 @@ def read_time(text: str, option: str) -> datetime:
     datetime.datetime(2026, 3, 1, 6, 0, tzinfo=datetime.timezone.utc)
     """
     try:
-        time = datetime.fromisoformat(text)
+        return read_iso_time(text).astimezone(UTC)
     except ValueError:
-        time = datetime.min
-    if time.tzinfo is None:
         raise typer.BadParameter(
             f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}",
             param_hint=option,
-        )
-    return time.astimezone(UTC)
+        ) from None
 
 
 def read_point(text: str, option: str, example: str) -> list[float]:

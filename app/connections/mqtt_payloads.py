@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 import orjson
 
 from app.errors import ThermapError
-from app.units import MS_PER_S
+from app.units import MS_PER_S, read_time, time_since_1970
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?")
 _STEP: Final = re.compile(r'(?:^|(?<!^)\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
@@ -100,7 +100,7 @@ def number_at(document: Any, path: JsonPath) -> float | None:
         return read_text(found.encode("utf-8"))
     if found is None:
         return None
-    if isinstance(found, bool) or not isinstance(found, int | float):
+    if not is_number(found):
         raise Unusable(f"expected a number at {path.text}, got {_shown(found)}")
     return float(found)
 
@@ -108,26 +108,29 @@ def number_at(document: Any, path: JsonPath) -> float | None:
 def time_at(document: Any, path: JsonPath, form: TimeForm) -> datetime:
     """Read the sender's time, with its zone."""
     found = path.find(document)
-    if form is TimeForm.ISO_8601:
-        return _iso_time(found, path)
-    if isinstance(found, bool) or not isinstance(found, int | float):
-        raise Unusable(f"expected a time as {form} at {path.text}, got {_shown(found)}")
     try:
-        return datetime.fromtimestamp(found / (MS_PER_S if form is TimeForm.EPOCH_MS else 1.0), UTC)
-    except (ValueError, OverflowError, OSError):
-        raise Unusable(f"expected a time as {form} at {path.text}, got {_shown(found)}") from None
-
-
-def _iso_time(found: Any, path: JsonPath) -> datetime:
-    try:
-        time = datetime.fromisoformat(found) if isinstance(found, str) else None
+        if form is TimeForm.ISO_8601 and isinstance(found, str):
+            return read_time(found)
+        if form is not TimeForm.ISO_8601 and is_number(found):
+            return time_since_1970(found / (MS_PER_S if form is TimeForm.EPOCH_MS else 1.0))
     except ValueError:
-        time = None
-    if time is None or time.tzinfo is None:
-        raise Unusable(
-            f"expected a time in ISO 8601 with its zone at {path.text}, got {_shown(found)}"
-        )
-    return time
+        pass
+    raise Unusable(
+        f"expected a time as {_TIME_FORMS[form]}, from the year 1900 to 2999, at {path.text}, got "
+        f"{_shown(found)}"
+    )
+
+
+_TIME_FORMS: Final = {
+    TimeForm.ISO_8601: "ISO 8601 with its zone",
+    TimeForm.EPOCH_S: "seconds since 1970-01-01 UTC",
+    TimeForm.EPOCH_MS: "milliseconds since 1970-01-01 UTC",
+}
+
+
+def is_number(found: object) -> TypeGuard[int | float]:
+    """Whether a value of JSON is a number: true and false are none."""
+    return isinstance(found, int | float) and not isinstance(found, bool)
 
 
 def _shown(found: Any) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Final
 from xml.etree.ElementTree import Element, ParseError
 
@@ -56,13 +55,12 @@ class Observation:
     """A value of a data item.
 
     `value` is None where the agent has none (UNAVAILABLE) or none that can be read: `text` is
-    what it said. `time` is None where the timestamp cannot be read.
+    what it said.
     """
 
     item: str
     name: str
     sequence: int
-    time: datetime | None
     text: str
     value: float | None
 
@@ -193,20 +191,9 @@ def _observation(element: Element) -> Observation | None:
         item=element.attrib["dataItemId"],
         name=element.attrib.get("name", ""),
         sequence=int(sequence),
-        time=_time_of(element.attrib.get("timestamp", "")),
         text=text[:SHOWN],
         value=_number_of(text),
     )
-
-
-def _time_of(text: str) -> datetime | None:
-    """Read a timestamp; the standard has them in UTC, also where the zone is left out."""
-    # Since 1.3 a duration may follow behind an @, for statistics.
-    try:
-        time = datetime.fromisoformat(text.partition("@")[0])
-    except ValueError:
-        return None
-    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
 
 
 def _number_of(text: str) -> float | None:

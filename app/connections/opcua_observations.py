@@ -11,7 +11,7 @@ from typing import Final
 from asyncua import ua
 
 from app.errors import existing_names
-from app.units import TemperatureUnit
+from app.units import LATEST_TIME, TemperatureUnit
 
 _NO_TIME_BEFORE: Final = datetime(1970, 1, 1, tzinfo=UTC)
 """A source that states no time says the year 1601."""
@@ -45,7 +45,7 @@ def observe(said: ua.DataValue) -> Observed:
     """Read what a server says of a node; no value unless its status is Good."""
     status = said.StatusCode
     if status is not None and not status.is_good():
-        return Observed(None, f"expected a good value, got {words_of(status)} from the server")
+        return Observed(None, f"expected a good value, got {status_words(status)} from the server")
     variant = said.Value
     if variant is None or variant.Value is None:
         return Observed(None, "expected a number, got nothing")
@@ -61,7 +61,7 @@ def observe(said: ua.DataValue) -> Observed:
     return Observed(float(value))
 
 
-def words_of(status: ua.StatusCode) -> str:
+def status_words(status: ua.StatusCode) -> str:
     """Name a status; its number where it has no name."""
     known = status.name not in ("Good", "Uncertain", "Bad") or status.value == 0
     return status.name if known else f"{status.name} (0x{status.value:08X})"
@@ -73,7 +73,7 @@ def source_time(said: ua.DataValue) -> datetime | None:
     if stated is None:
         return None
     time = stated if stated.tzinfo is not None else stated.replace(tzinfo=UTC)
-    return time if time > _NO_TIME_BEFORE else None
+    return time if _NO_TIME_BEFORE < time < LATEST_TIME else None
 
 
 def node_of(stated: str, namespaces: Sequence[str]) -> ua.NodeId | str:

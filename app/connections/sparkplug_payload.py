@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any, Final
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
 from app.connections.mqtt_payloads import SHOWN, Unusable
-from app.units import MS_PER_S
+from app.units import MS_PER_S, time_since_1970
 
 REBIRTH: Final = "Node Control/Rebirth"
 SESSION: Final = "bdSeq"
@@ -159,6 +159,6 @@ def _metric(message: Any) -> Metric:
 
 def _time(epoch_ms: int) -> datetime | None:
     try:
-        return datetime.fromtimestamp(epoch_ms / MS_PER_S, UTC)
-    except (ValueError, OverflowError, OSError):
+        return time_since_1970(epoch_ms / MS_PER_S)
+    except ValueError:
         return None

@@ -15,7 +15,14 @@ from typing import Final
 
 from app.api.files.delimited_text import DelimitedText, Row, left_out
 from app.errors import list_names, repeated
-from app.units import MM_PER_M, UM_PER_MM, URAD_PER_RAD, unit_of_field
+from app.units import (
+    MM_PER_M,
+    UM_PER_MM,
+    URAD_PER_RAD,
+    LacksZone,
+    read_time,
+    unit_of_field,
+)
 
 _SPELLINGS: Final = {
     "µ": "u",
@@ -281,21 +288,22 @@ class Columns:
         """
         written = self.word(row, field)
         try:
-            found = datetime.fromisoformat(written)
-        except ValueError:
-            self.complain(
-                row, field, f"expected a time such as 2026-03-01T06:00:00Z, got {written!r}"
-            )
-            return None
-        if found.tzinfo is None and zone is None:
+            return read_time(written, zone)
+        except LacksZone:
             self.complain(
                 row,
                 field,
                 f"expected a time with its zone, such as {written}Z or {written}+01:00, "
                 f"got {written!r}{remedy}",
             )
-            return None
-        return found if found.tzinfo else found.replace(tzinfo=zone)
+        except ValueError:
+            self.complain(
+                row,
+                field,
+                f"expected a time such as 2026-03-01T06:00:00Z, from the year 1900 to 2999, "
+                f"got {written!r}",
+            )
+        return None
 
     def complain(self, row: Row, field: str, message: str) -> None:
         """Note a problem with a cell, or with the line where there is no such column."""

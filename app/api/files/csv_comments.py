@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Any, Final
 
 from app.api.files.csv_columns import Named, named, symbol_of
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText, Problems
 from app.errors import ThermapError, list_names
+from app.units import read_time
 
 _KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
 
@@ -207,9 +207,10 @@ def _complain_of_missing(
 
 def _has_zone(text: str) -> bool:
     try:
-        return datetime.fromisoformat(text).tzinfo is not None
+        read_time(text)
     except ValueError:
         return False
+    return True
 
 
 def _statement_of(known: Sequence[Statement], key: str) -> Statement | None:

@@ -22,6 +22,8 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from app.units import expect_usable_time
+
 
 class Schema(BaseModel):
     """A shape that refuses fields it does not know."""
@@ -31,8 +33,6 @@ class Schema(BaseModel):
 
 _DATE_AND_HOUR = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-_EARLIEST = datetime(1900, 1, 1, tzinfo=UTC)
-_LATEST = datetime(3000, 1, 1, tzinfo=UTC)
 
 
 def _only_text(value: Any) -> Any:
@@ -43,10 +43,7 @@ def _only_text(value: Any) -> Any:
 
 
 def _to_utc(value: datetime) -> datetime:
-    """Keep clear of the calendar's ends, beyond which one cannot reckon."""
-    if not _EARLIEST <= value < _LATEST:
-        raise ValueError("a time from the year 1900 to 2999")
-    return value.astimezone(UTC)
+    return expect_usable_time(value).astimezone(UTC)
 
 
 def _no_control_characters(text: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import datetime
 from typing import Any, Final
 
 from app.api.files.csv_columns import LENGTH, POSITION, Named, find_columns, names_after
@@ -22,6 +21,7 @@ from app.api.files.delimited_text import DelimitedText
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
+from app.units import read_time
 
 _TIME: Final = Named("time", None)
 _POSITION: Final = Named("position", POSITION)
@@ -34,13 +34,11 @@ _UNIT: Final = re.compile(r"[\[(]([^\[\]()]*)[\])]?|(°\s?\w)|_c")
 
 def _moment(text: str) -> str:
     try:
-        found = datetime.fromisoformat(text)
+        read_time(text)
     except ValueError:
-        found = None
-    if found is None or found.tzinfo is None:
         raise InvalidContent(
             f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}"
-        )
+        ) from None
     return text
 
 
