@@ -22,7 +22,7 @@ from threading import Event, Lock, Thread
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import quote, urlsplit, urlunsplit
-from urllib.request import ProxyHandler, Request, build_opener
+from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
 
 from app.hal.curves import (
     AXES,
@@ -48,8 +48,8 @@ TIMEOUT_S = 5.0
 LATE_S = 0.5
 """How long a tick waits for the controller's thread; the heartbeat goes on when it stands still."""
 
-FAILURES = (OSError, ValueError, KeyError, TypeError, NotFollowed)
-"""No connection, no answer, an answer that is none of ours, or one that must not be followed."""
+LARGEST_ANSWER = 8 * 1024 * 1024
+"""That the service may give [bytes]."""
 
 
 class Service:
@@ -74,8 +74,9 @@ class Service:
         )
         self._timeout_s = timeout_s
         self._tag: str | None = None
-        # A proxy for the world outside is no way to a service in the shop.
-        self._opener = build_opener(ProxyHandler({}))
+        # A proxy for the world outside is no way to a service in the shop, and what the service
+        # redirects to is not who the key is for.
+        self._opener = build_opener(ProxyHandler({}), _NoRedirects())
 
     def store_reading(self, temperatures_c: dict[str, float], state: dict[str, float]) -> None:
         """Send what the sensors say now."""
@@ -101,7 +102,9 @@ class Service:
             with self._opener.open(request, timeout=self._timeout_s) as answer:
                 if body is None:
                     self._tag = answer.headers.get("ETag")
-                content: bytes = answer.read()
+                content: bytes = answer.read(LARGEST_ANSWER + 1)
+                if len(content) > LARGEST_ANSWER:
+                    raise ValueError(f"expected an answer of at most {LARGEST_ANSWER >> 20} MB")
                 return content
         except HTTPError as error:
             with error:
@@ -110,10 +113,19 @@ class Service:
                 raise ValueError(_sentence_of(error)) from None
 
 
+class _NoRedirects(HTTPRedirectHandler):
+    """Takes a redirection for the failure that it is here."""
+
+    def redirect_request(self, *_asked: Any) -> None:
+        """Ask nobody else."""
+
+
 def _sentence_of(error: HTTPError) -> str:
     """Give the sentence of a refusal."""
+    if 300 <= error.code < 400:
+        return f"the service answered with {error.code}: what it redirects to is not asked"
     try:
-        told = json.loads(error.read())
+        told = json.loads(error.read(LARGEST_ANSWER))
         return "; ".join([one["message"] for one in told.get("errors", [])] or [told["detail"]])
     except (ValueError, KeyError, TypeError, AttributeError):
         return f"the service answered with {error.code}"
@@ -155,7 +167,7 @@ class Exchange(Thread):
                 self._exchange()
                 self.connected = True
                 self._say("connected")
-            except FAILURES as error:
+            except Exception as error:  # without this thread the table would stand still, unsaid
                 self.connected = False
                 self._service.forget()
                 self._say(f"not connected, the last compensation is held: {_words_of(error)}")
@@ -181,13 +193,15 @@ class Exchange(Thread):
 
 
 def _words_of(error: Exception) -> str:
-    if isinstance(error, (KeyError, TypeError)):
-        return f"the answer is no compensation table ({error!r})"
-    return str(error)
+    if isinstance(error, (OSError, ValueError, NotFollowed)) and str(error):
+        return str(error)
+    return f"the answer is no compensation table ({error!r:.200})"
 
 
 def _print(sentence: str) -> None:
-    print(f"thermap: {sentence}", file=sys.stderr, flush=True)
+    # What the service says may say what others wrote.
+    shown = "".join(one if one.isprintable() else repr(one)[1:-1] for one in sentence[:1000])
+    print(f"thermap: {shown}", file=sys.stderr, flush=True)
 
 
 class Pins:

@@ -29,6 +29,7 @@ from app.errors import (
     StorageOvertaken,
     StorageUnavailable,
 )
+from app.foreign_text import shown, without_secrets
 from app.storage.limits import UNLIMITED, Limits
 from app.storage.log_numbers import number_entries
 from app.storage.news import send_pending
@@ -68,7 +69,7 @@ class Database:
     Raises
     ------
     InvalidContent
-        If the URL is none of a lasting database.
+        If the URL is none of a lasting database, or has options that there are none of.
     StorageUnavailable
         If a SQLite file is not there, or its folder.
     """
@@ -264,7 +265,7 @@ class Database:
     @property
     def name(self) -> str:
         """The URL without its password."""
-        return self.engine.url.render_as_string(hide_password=True)
+        return without_secrets(self.engine.url.render_as_string(hide_password=True))
 
     def duty(self, number: int) -> Duty | None:
         """Make what knows whether a duty is this process'; None on SQLite.
@@ -292,11 +293,9 @@ class Database:
 def _connections(
     url: URL, limits: Limits, *, may_be_new: bool
 ) -> PostgresqlConnections | SqliteConnections:
-    if url.drivername in ("postgresql", "postgres"):
-        url = url.set(drivername="postgresql+psycopg")
-    if url.get_backend_name() == "postgresql":
-        return _of_postgresql(url, limits)
-    if url.get_backend_name() != "sqlite":
+    if url.drivername in ("postgresql", "postgres", "postgresql+psycopg"):
+        return _of_postgresql(url.set(drivername="postgresql+psycopg"), limits)
+    if url.drivername not in ("sqlite", "sqlite+pysqlite"):
         raise InvalidContent.of_field(
             "database_url",
             f"expected sqlite:///FILE or postgresql://USER@HOST/DATABASE, got {url.drivername}://…",
@@ -310,14 +309,20 @@ def _connections(
 
 def _of_postgresql(url: URL, limits: Limits) -> PostgresqlConnections:
     try:
-        from app.storage.postgresql import PostgresqlConnections
+        from app.storage.postgresql import DriverError, PostgresqlConnections
     except ImportError as error:
         raise InvalidContent.of_field(
             "database_url",
             "PostgreSQL needs its driver, which is not installed: "
             'pip install "thermap[postgresql]", or from a checkout pip install ".[postgresql]"',
         ) from error
-    return PostgresqlConnections(url, limits)
+    try:
+        return PostgresqlConnections(url, limits)
+    except (ArgumentError, ValueError, DriverError) as error:
+        why = shown(str(error).strip())
+        raise InvalidContent.of_field(
+            "database_url", f"expected postgresql://USER@HOST/DATABASE?OPTION=VALUE, got: {why}"
+        ) from None
 
 
 def _parse(url: str) -> URL:
@@ -364,7 +369,7 @@ def _as_storage_errors(lock_s: float | None = 0.0) -> Iterator[None]:
     except (OperationalError, InterfaceError, DisconnectionError, PoolTimeout) as error:
         cause = getattr(error, "orig", None) or error
         lines = str(cause).strip().splitlines()
-        reason = lines[0] if lines else type(error).__name__
+        reason = shown(lines[0]) if lines else type(error).__name__
         state = getattr(cause, "sqlstate", None)
         if _has_no_room(cause, reason):
             raise StorageFull(

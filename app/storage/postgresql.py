@@ -15,6 +15,7 @@ from typing import Any, Final
 from weakref import WeakSet
 
 import psycopg
+from psycopg.conninfo import make_conninfo
 from sqlalchemy import URL, Connection, Engine, PoolProxiedConnection, create_engine, event
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
@@ -303,6 +304,9 @@ class PostgresqlConnections:
             pool_timeout=CONNECT_TIMEOUT_S,
             connect_args=_connect_args(url, limits),
         )
+        # The driver looks at the options only when it connects, where nobody expects a mistake.
+        stated = engine.dialect.create_connect_args(url)[1]
+        make_conninfo(**{name: one for name, one in stated.items() if name != "context"})
         event.listen(engine, "do_connect", self._connect)
         event.listen(engine, "begin", partial(_begin, limits))
         event.listen(engine, "checkin", _checkin)

@@ -1,0 +1,158 @@
+"""What others wrote, where it is repeated: short, on one line, without secrets."""
+
+import io
+import json
+import logging
+import threading
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import pytest
+
+from app.cli.logs import _Json, _Text
+from app.errors import InvalidContent, ThermapError
+from app.foreign_text import shown, without_secrets
+from app.hal.component import Service
+from app.storage.database import Database
+from thermap import ThermapClient
+from thermap.errors import ThermapClientError
+
+URLS = [
+    "http://me:s3cret@10.0.0.5:5000/probe",
+    "opc.tcp://me:s3cret@h:4840",
+    "mqtt://me:s3c@ret@h",
+    "postgresql://me:s3/cret@h/db",
+    "postgresql://h/db?sslmode=require&password=s3cret&user=me",
+    "postgresql://h/db?PASSWORD=s3cret",
+    "postgresql://h/db?sslpassword=s3cret",
+    "me:s3cret@broker",
+]
+
+
+@pytest.mark.parametrize("url", URLS)
+def test_no_secret_is_left(url):
+    for text in (url, f"no answer from {url!r} in time", f"{url} and {url}"):
+        assert "s3c" not in shown(text)
+        assert "ret@" not in shown(text)
+
+
+@pytest.mark.parametrize("text", ["the sensor at 12:00 said a@b.org", "http://h:80/a?b=c", "x@y"])
+def test_what_is_no_secret_stays(text):
+    assert without_secrets(text) == text
+
+
+def test_what_a_terminal_obeys_is_escaped():
+    said = "a\x1b[2J\x9b1m\u2028\u202e\r\n\0\ud800b °C µm"
+    assert shown(said) == "a\\x1b[2J\\x9b1m\\u2028\\u202e\\r\\n\\x00\\ud800b °C µm"
+
+
+def test_three_megabytes_are_a_sentence():
+    assert len(shown("\x9b" * 3_000_000)) < 600
+
+
+@pytest.mark.parametrize("form", [_Text, _Json])
+def test_a_line_of_the_log_is_one_line(form):
+    out = io.StringIO()
+    handler = logging.StreamHandler(out)
+    handler.setFormatter(form())
+    log = logging.Logger("thermap")
+    log.addHandler(handler)
+    log.warning("the agent says %s", "\x1b[2J\n2026-01-01 ERROR\x85" + "x" * 3_000_000)
+    log.warning("no answer from %s", URLS[0])
+    try:
+        raise ValueError("\x9b2J s3cret:" + URLS[0] + "y" * 100_000)
+    except ValueError:
+        log.exception("unforeseen")
+    written = out.getvalue()
+    assert len(written) < 30_000
+    assert "me:s3cret" not in written
+    assert not set(written) & set("\x1b\x85\x9b")
+    first = written.split("\n")[0]
+    assert "ERROR" in (json.loads(first)["message"] if form is _Json else first)
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("postgresql+foo://me:s3cret@h/d", "expected sqlite:///FILE or postgresql://"),
+        ("postgresql+asyncpg://h/d?password=s3cret", "expected sqlite:///FILE or postgresql://"),
+        ("sqlite+aiosqlite:////tmp/x.db", "expected sqlite:///FILE or postgresql://"),
+        ("sqlite+foo:///x.db", "expected sqlite:///FILE or postgresql://"),
+        ("postgresql://h/d?bogus=s3cret", 'invalid connection option "bogus"'),
+        ("postgresql://h/d?host=a&host=b&port=1", "multihost"),
+        ("postgresql://me:s3cret@h:port/d", "no URL"),
+        ("://", "no URL"),
+    ],
+)
+def test_a_database_url_that_cannot_be_used_is_refused(url, words):
+    with pytest.raises(InvalidContent) as refused:
+        Database(url)
+    assert words in refused.value.detail
+    assert "s3cret" not in refused.value.detail
+
+
+@pytest.mark.parametrize("option", ["password=s3cret", "sslpassword=s3cret"])
+def test_a_password_among_a_urls_options_is_not_shown(option):
+    pytest.importorskip("psycopg")
+    database = Database(f"postgresql://me@127.0.0.1:1/d?{option}")
+    assert "s3cret" not in database.name
+    with pytest.raises(ThermapError) as away, database.reading() as session:
+        session.connection()
+    assert "s3cret" not in away.value.detail
+    database.close()
+
+
+@contextmanager
+def listening(answer):
+    """A server that notes what it is sent, and answers as it is told to."""
+    heard = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            heard.append(self.headers.get("Authorization"))
+            answer(self)
+
+        do_POST = do_GET  # noqa: N815
+
+        def log_message(self, *_said):
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", heard
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def empty(handler):
+    handler.send_response(200)
+    handler.send_header("Content-Length", "2")
+    handler.end_headers()
+    handler.wfile.write(b"{}")
+
+
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+def test_no_client_takes_its_key_to_where_it_is_redirected(status, monkeypatch):
+    monkeypatch.setenv("THERMAP_KEY", "tm_key")
+    with listening(empty) as (elsewhere, heard_elsewhere):
+
+        def redirect(handler):
+            handler.send_response(status)
+            handler.send_header("Location", f"{elsewhere}{handler.path}")
+            handler.send_header("Content-Length", "0")
+            handler.end_headers()
+
+        with listening(redirect) as (url, heard):
+            component = Service(url, "vmc", 20.0)
+            with pytest.raises(ValueError, match=f"answered with {status}"):
+                component.table()
+            with pytest.raises(ValueError, match=f"answered with {status}"):
+                component.store_reading({"x": 20.0}, {})
+            with ThermapClient(url) as client, pytest.raises(ThermapClientError):
+                client.machine("vmc")
+            assert set(heard) == {"Bearer tm_key"}
+    assert heard_elsewhere == []
