@@ -81,7 +81,10 @@ class RunningConnection(Protocol):
     """A connection at work."""
 
     async def run(self) -> None:
-        """Read until cancelled; who is gone is tried again, and nothing is raised."""
+        """Make contact and read until it is lost, which is raised."""
+
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
 
     def now(self) -> Connection:
         """Say how it fares."""

@@ -30,8 +30,10 @@ from app.errors import (
     ThermapError,
     UnknownThing,
 )
+from app.foreign_text import shown
 from app.services.context import Context
 from app.services.readings import reading_of_time, store_readings
+from app.supervision import words_of
 from app.thermal.reading import Reading
 
 log = logging.getLogger("thermap")
@@ -192,7 +194,7 @@ class Sender:
 
 
 class Intake:
-    """Takes values of all connections; `run` stores them until it is cancelled.
+    """Takes values of all connections; `run` stores them until it is cancelled, `end` is last.
 
     All but the storing happens in the event loop that `run` runs in.
 
@@ -290,25 +292,26 @@ class Intake:
         return tuple(sorted(one for one, at_s in self._wrong_clocks.items() if at_s >= since_s))
 
     async def run(self) -> None:
-        """Store what is closed, for as long as it is not cancelled; then what is left is dropped.
-
-        What is being stored when it is cancelled may be stored and yet told to be dropped:
-        a sender that repeats it with its own time finds it there already.
-        """
+        """Store what is closed, for as long as it is not cancelled."""
         pause_s = self._limits.first_pause_s
-        try:
-            while True:
-                await self._something.wait()
-                try:
-                    await self._store_next()
-                    pause_s = self._limits.first_pause_s
-                except StorageUnavailable as away:
-                    log.warning("%d readings of connections wait: %s", len(self._kept), away.detail)
-                    await asyncio.sleep(pause_s)
-                    pause_s = min(2.0 * pause_s, self._limits.longest_pause_s)
-        finally:
-            self._is_over = True
-            self._drop_all()
+        while True:
+            await self._something.wait()
+            try:
+                await self._store_next()
+                pause_s = self._limits.first_pause_s
+            except StorageUnavailable as away:
+                log.warning("%d readings of connections wait: %s", len(self._kept), away.detail)
+                await asyncio.sleep(pause_s)
+                pause_s = min(2.0 * pause_s, self._limits.longest_pause_s)
+
+    def end(self) -> None:
+        """Drop what is left, and all that comes from now on.
+
+        What was being stored may be stored and yet told to be dropped: a sender that repeats it
+        with its own time finds it there already.
+        """
+        self._is_over = True
+        self._drop_all()
 
     async def _store_next(self) -> None:
         """Store the oldest readings of one machine; they stay in front until that is done."""
@@ -356,7 +359,7 @@ class Intake:
                 self._settle(one, Fate.REFUSED)
         except Exception as why:
             # One that nobody can store takes no other with it.
-            self._refuse_whole(one, f"{type(why).__name__}: {why}")
+            self._refuse_whole(one, words_of(why))
 
     def _forget(self, machine: str) -> None:
         """Keep nothing of a machine that there is not: senders may name any number."""
@@ -462,7 +465,7 @@ class Intake:
             What it was for or where it came from, as `machine 'vmc'`.
         """
         self.counts.refused += 1
-        self.counts.last_refusal = f"{where}: {reason}"
+        self.counts.last_refusal = shown(f"{where}: {reason}")
         now_s = monotonic()
         if now_s - self._logged_s < LOGGED_EVERY_S:
             self._not_logged += 1

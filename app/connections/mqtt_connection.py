@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import random
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from datetime import datetime
 from time import monotonic
 from typing import Final
@@ -24,16 +23,9 @@ from app.connections.sparkplug_nodes import NAMESPACE
 from app.connections.sparkplug_payload import rebirth_command
 from app.errors import counted, list_names
 from app.services.context import Context
+from app.supervision import keep_running, words_of
 
 log = logging.getLogger("thermap")
-
-FIRST_PAUSE_S: Final = 1.0
-"""Before a broker that failed is tried again [s]; twice as long each time that it fails."""
-
-LONGEST_PAUSE_S: Final = 30.0
-
-STEADY_S: Final = 10.0
-"""Contact that lasted so long was one: the next pause is the first again [s]."""
 
 LOOK_EVERY_S: Final = 0.5
 """How often it is seen who is silent, and whether births are missing [s]."""
@@ -73,26 +65,12 @@ class MqttConnection(TellsTables):
         self._log = SparingLog()
 
     async def run(self) -> None:
-        """Follow the broker until cancelled."""
-        pause_s = FIRST_PAUSE_S
-        while True:
-            began_s = monotonic()
-            try:
-                async with Link.opened(self._broker()) as link:
-                    began_s = monotonic()
-                    await self._attend(link)
-            except LinkLost as why:
-                self._say(why.detail)
-            except Exception:
-                log.exception("MQTT %r: it could not be followed", self._table.name)
-                self._say("it could not be followed: see the log")
-            finally:
-                self._leave()
-            if monotonic() - began_s >= STEADY_S:
-                pause_s = FIRST_PAUSE_S
-            # Many that lost the same broker do not come back all at once.
-            await asyncio.sleep(pause_s * random.uniform(0.8, 1.2))
-            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+        """Follow the broker until contact is lost."""
+        try:
+            async with Link.opened(self._broker()) as link:
+                await self._attend(link)
+        finally:
+            self._leave()
 
     def now(self) -> Connection:
         """Say how it fares."""
@@ -142,31 +120,33 @@ class MqttConnection(TellsTables):
         """Do all that a contact is for, until it ends."""
         self._link, self._trouble, self._refused = link, "", ()
         self._begin_to_listen()
-        lost: Sequence[BaseException] = ()
-        try:
-            async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._take_messages(link))
-                if self._table.publish is not None:
-                    self._publisher = TablePublisher(
-                        link,
-                        self._table.publish,
-                        self.follow_tables,
-                        (self._table.min_change_um, self._table.max_step_um),
-                        self._context,
-                    )
-                    tasks.create_task(self._publisher.run())
-                filters = dict.fromkeys(one.topic.filter for one in self._table.topics)
-                self._refused = await link.subscribe([*filters, *self._sparkplug.filters])
-                for words in self._refused:
-                    log.warning("MQTT %r: %s", self._table.name, words)
-                tasks.create_task(self._look(link))
-                tasks.create_task(self._repeat())
-        except* LinkLost as why:
-            lost = why.exceptions
-        while lost and isinstance(lost[0], BaseExceptionGroup):
-            lost = lost[0].exceptions
-        if lost:
-            raise lost[0]
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._take_messages(link))
+            if self._table.publish is not None:
+                self._publisher = publisher = TablePublisher(
+                    link,
+                    self._table.publish,
+                    self.follow_tables,
+                    (self._table.min_change_um, self._table.max_step_um),
+                    self._context,
+                )
+                tasks.create_task(self._while_contact("tables", publisher.run, publisher.ended))
+            filters = dict.fromkeys(one.topic.filter for one in self._table.topics)
+            self._refused = await link.subscribe([*filters, *self._sparkplug.filters])
+            for words in self._refused:
+                log.warning("MQTT %r: %s", self._table.name, words)
+            tasks.create_task(self._while_contact("silence and births", lambda: self._look(link)))
+            tasks.create_task(self._while_contact("what holds", self._repeat))
+
+    async def _while_contact(
+        self,
+        what: str,
+        run: Callable[[], Awaitable[None]],
+        ended: Callable[[str], None] | None = None,
+    ) -> None:
+        """Keep running what belongs to a contact: what ends of it does not end the others."""
+        name = f"MQTT {self._table.name!r}: {what}"
+        await keep_running(name, run, ended, lets_through=(LinkLost,))
 
     def _leave(self) -> None:
         """Without contact nothing is known of nodes, and nobody can be silent."""
@@ -181,8 +161,9 @@ class MqttConnection(TellsTables):
         async for message in link.messages():
             try:
                 told = self._take(message)
-            except Unusable as why:
-                self._intake.refuse(f"topic {message.topic!r:.200}", why.detail)
+            except Exception as why:
+                # Whatever a message raises refuses that message: it would come for ever.
+                self._intake.refuse(f"topic {message.topic!r:.200}", words_of(why))
                 told = []
             _settle_when_told(link, message, told)
             taken += 1
@@ -286,7 +267,8 @@ class MqttConnection(TellsTables):
             await asyncio.sleep(REPEATED_S)
             self._sparkplug.repeat()
 
-    def _say(self, words: str) -> None:
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
         if words != self._trouble:
             log.warning("MQTT %r: %s", self._table.name, words)
         self._trouble = words

@@ -67,8 +67,14 @@ class TablePublisher:
         if machine and what in OF_MACHINE:
             self._retained.add(machine)
 
+    def ended(self, words: str) -> None:
+        """Take note of why nothing was published for a while."""
+        log.warning("MQTT: tables are published anew: %s", words)
+        self.trouble = f"tables could not be published: {words}"
+
     async def run(self) -> None:
         """Publish; LinkLost where contact ends."""
+        self.trouble = ""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._send())
             self._put("state", b"online")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
-from typing import Final
 
 import httpx
 
@@ -23,11 +22,6 @@ from app.connections.sparing_log import SparingLog
 from app.units import TemperatureUnit
 
 log = logging.getLogger("thermap")
-
-FIRST_PAUSE_S: Final = 1.0
-"""Before an agent that failed is asked again [s]; twice as long each time that it fails."""
-
-LONGEST_PAUSE_S: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +67,7 @@ class AgentFollower:
 
     agent: Agent
     followed: Mapping[str, Followed]
-    take: Callable[[Sequence[Found]], Awaitable[None]]
+    take: Callable[[Sequence[Found]], None]
     every_s: float = 1.0
     is_streamed: bool = False
     trouble: str = ""
@@ -93,25 +87,26 @@ class AgentFollower:
         return set(self._items)
 
     async def run(self) -> None:
-        """Follow, until cancelled; what goes wrong is said, and tried again."""
-        pause_s = FIRST_PAUSE_S
-        while True:
-            try:
-                await self._begin()
-                self.is_connected, pause_s = True, FIRST_PAUSE_S
-                await self._go_on()
-            except (AgentRefused, NotMtconnect, httpx.HTTPError, OSError, TimeoutError) as why:
-                self._say(str(why) or type(why).__name__)
+        """Follow until contact is lost."""
+        try:
+            await self._begin()
+            self.is_connected = True
+            await self._go_on()
+        except httpx.HTTPError as why:
+            raise NotMtconnect(str(why) or type(why).__name__) from None
+        finally:
             if self.is_connected:
                 self.is_connected = False
-                await self.take([])
-            await asyncio.sleep(pause_s)
-            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+                self.take([])
+
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
+        self._say(words)
 
     async def _begin(self) -> None:
         """Find the data items and what holds now."""
         self._find(await self.agent.probe())
-        await self._take(self.place.take_current(await self.agent.current()))
+        self._take(self.place.take_current(await self.agent.current()))
 
     async def _go_on(self) -> None:
         """Follow the sequence; after a restart of the agent its items are found anew."""
@@ -129,19 +124,19 @@ class AgentFollower:
             if not why.is_out_of_range:
                 raise
             self.place.leave()
-            await self._take(self.place.take_current(await self.agent.current()))
+            self._take(self.place.take_current(await self.agent.current()))
             await asyncio.sleep(self.every_s)
 
     async def _poll(self, since: int) -> None:
         streams = await self.agent.sample(since)
-        await self._take(self.place.take_sample(streams))
+        self._take(self.place.take_sample(streams))
         if len(streams.observations) < self.agent.most_at_once or self.place.next_sequence is None:
             await asyncio.sleep(self.every_s)
 
     async def _stream(self, since: int) -> None:
         async with aclosing(self.agent.stream(since, self.every_s)) as documents:
             async for streams in documents:
-                await self._take(self.place.take_sample(streams))
+                self._take(self.place.take_sample(streams))
                 if self.place.next_sequence is None:
                     return
         # The agent ended it, or does not stream: this is then polling.
@@ -175,7 +170,7 @@ class AgentFollower:
         if matters:
             self._say("; ".join(matters))
 
-    async def _take(self, observations: Sequence[Observation]) -> None:
+    def _take(self, observations: Sequence[Observation]) -> None:
         """Hand on what is followed; what cannot be read is missing, and counted."""
         found = []
         for observation in observations:
@@ -183,7 +178,7 @@ class AgentFollower:
                 if observation.item == item:
                     found.append(Found(name, self._value_of(name, observation), observation))
         if found:
-            await self.take(found)
+            self.take(found)
 
     def _value_of(self, name: str, observation: Observation) -> float | None:
         if observation.value is None and not observation.is_unavailable:

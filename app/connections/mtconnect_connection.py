@@ -62,7 +62,7 @@ class AgentConnection:
         self._follower: AgentFollower | None = None
 
     async def run(self) -> None:
-        """Follow the agent until cancelled."""
+        """Follow the agent until contact is lost."""
         # Imported only here: its library is an extra.
         from app.connections.mtconnect import AgentFollower, Followed
         from app.connections.mtconnect_agent import Agent
@@ -72,9 +72,18 @@ class AgentConnection:
         followed |= {name: Followed(i.item, False) for name, i in table.state.items()}
         async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
             agent = Agent(http, table.url)
-            self._follower = AgentFollower(agent, followed, self._take, table.every_s, table.stream)
+            if self._follower is None:
+                self._follower = AgentFollower(
+                    agent, followed, self._take, table.every_s, table.stream
+                )
+            self._follower.agent = agent
             tasks.create_task(self._follower.run())
             tasks.create_task(self._repeat())
+
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
+        if self._follower is not None:
+            self._follower.lost(words)
 
     def now(self) -> Connection:
         """Say how it fares."""
@@ -91,7 +100,7 @@ class AgentConnection:
             lost=0 if follower is None else follower.place.lost,
         )
 
-    async def _take(self, found: Sequence[Found]) -> None:
+    def _take(self, found: Sequence[Found]) -> None:
         """Remember what holds from now on; without contact nothing is known any more."""
         if not found:
             self._known.forget()

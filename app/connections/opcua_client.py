@@ -23,7 +23,7 @@ from app.connections.opcua_observations import (
     observe,
     source_time,
     stated_unit,
-    words_of,
+    status_words,
 )
 from app.connections.opcua_session import (
     ANSWER_S,
@@ -36,15 +36,10 @@ from app.connections.opcua_session import (
     words_of_failure,
 )
 from app.connections.sparing_log import SparingLog
-from app.errors import counted
+from app.errors import ThermapError, counted
 from app.units import TemperatureUnit
 
 log = logging.getLogger("thermap")
-
-FIRST_PAUSE_S: Final = 1.0
-"""Before a server that failed is tried again [s]; twice as long each time that it fails."""
-
-LONGEST_PAUSE_S: Final = 30.0
 
 LOOK_EVERY_S: Final = 5.0
 """How often the nodes are read and compared with what the subscription told [s]."""
@@ -100,8 +95,15 @@ class Found:
     time: datetime | None = None
 
 
-class SubscriptionDied(Exception):
-    """The subscription is not to be relied on any more; the sentence says why."""
+class ContactLost(ThermapError):
+    """There is no contact with the server; the sentence says why."""
+
+
+class SubscriptionDied(ContactLost):
+    """The subscription is not to be relied on any more."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"the subscription died, a new one is made: {why}")
 
 
 class ServerFollower:
@@ -141,7 +143,6 @@ class ServerFollower:
         self.is_connected = False
         self.died = 0
         """Subscriptions that were given up because they told too little."""
-        self._pause_s = FIRST_PAUSE_S
         self._trouble = ""
         self._log = SparingLog()
         self._matters: dict[str, str] = {}
@@ -177,26 +178,25 @@ class ServerFollower:
         return "; ".join(([self._trouble] if self._trouble else []) + shown)
 
     async def run(self) -> None:
-        """Follow, until cancelled; what goes wrong is said, and tried again."""
-        while True:
-            try:
-                await self._follow()
-            except SubscriptionDied as why:
-                self.died += 1
-                self._say(f"the subscription died, a new one is made: {why}")
-            except (ua.UaError, OSError, TimeoutError) as why:
-                self._say(
-                    words_of_failure(why)
-                    if self.is_connected
-                    else await why_refused(self._access, why)
-                )
-            except Exception as why:  # a server that talks nonsense raises anything at all
-                self._say(f"{type(why).__name__}: {why}")
+        """Follow until contact is lost."""
+        try:
+            await self._follow()
+        except SubscriptionDied:
+            self.died += 1
+            raise
+        except (ua.UaError, OSError, TimeoutError) as why:
+            words = words_of_failure(why)
+            if not self.is_connected:
+                words = await why_refused(self._access, why)
+            raise ContactLost(words) from None
+        finally:
             if self.is_connected:
                 self.is_connected = False
                 self._take([])
-            await asyncio.sleep(self._pause_s)
-            self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
+        self._say(words)
 
     async def _follow(self) -> None:
         self._forget()
@@ -288,7 +288,7 @@ class ServerFollower:
             self._refused[name] = result.StatusCode.value
             self._say_of(
                 name,
-                f"expected a node that can be followed, got {words_of(result.StatusCode)} for "
+                f"expected a node that can be followed, got {status_words(result.StatusCode)} for "
                 f"{self._followed[name].node}",
             )
             return
@@ -303,7 +303,7 @@ class ServerFollower:
                 if isinstance(said, ua.DataChangeNotification):
                     self._take_changes(said.MonitoredItems)
                 elif isinstance(said, ua.StatusChangeNotification):
-                    self._end(f"the server ended it: {words_of(said.Status)}")
+                    self._end(f"the server ended it: {status_words(said.Status)}")
         except Exception:  # the library would only log it, where nobody looks
             log.exception("OPC UA: could not take what %s published", self._access.endpoint)
 
@@ -367,7 +367,6 @@ class ServerFollower:
         """Compare what is with what was told, until they differ for too long."""
         while True:
             await self._look(client)
-            self._pause_s = FIRST_PAUSE_S
             try:
                 async with asyncio.timeout(LOOK_EVERY_S):
                     await self._ended.wait()

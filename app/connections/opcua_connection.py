@@ -93,27 +93,34 @@ class ServerConnection:
         self._follower: ServerFollower | None = None
 
     async def run(self) -> None:
-        """Follow the server until cancelled."""
+        """Follow the server until contact is lost."""
         # Imported only here: its library is an extra, and takes long.
         from app.connections.opcua_client import Followed, ServerFollower
 
         table = self._table
         followed = {name: Followed(i.node, True, i.unit) for name, i in table.sensors.items()}
         followed |= {name: Followed(i.node, False) for name, i in table.state.items()}
-        if table.user is not None and table.security is None:
-            log.warning(
-                "OPC UA %s: without security the password may cross the network for all to read",
-                table.endpoint,
+        if self._follower is None:
+            self._follower = ServerFollower(
+                table.access,
+                followed,
+                self._take,
+                lambda: self._context().now(),
+                publishing_s=table.publishing_s,
+                repeated_s=REPEATED_S,
             )
-        self._follower = ServerFollower(
-            table.access,
-            followed,
-            self._take,
-            lambda: self._context().now(),
-            publishing_s=table.publishing_s,
-            repeated_s=REPEATED_S,
-        )
+            if table.user is not None and table.security is None:
+                log.warning(
+                    "OPC UA %s: without security the password may cross the network for all to "
+                    "read",
+                    table.endpoint,
+                )
         await self._follower.run()
+
+    def lost(self, words: str) -> None:
+        """Take note of why there is no contact."""
+        if self._follower is not None:
+            self._follower.lost(words)
 
     def now(self) -> Connection:
         """Say how it fares."""

@@ -34,6 +34,7 @@ from app.geometry.components import Component
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.status import Stored, stored_of_machines
+from app.supervision import keep_running
 
 log = logging.getLogger("thermap")
 
@@ -53,9 +54,6 @@ another one, but not a sensor's health, which is looked at each time."""
 
 ASK_EVERY_S: Final = 2.0
 """How often the database is asked for watches and analyses [s]."""
-
-AGAIN_S: Final = 10.0
-"""After so long a server that could not listen tries again [s]."""
 
 _BROKEN: Final = ua.StatusCodes.BadInternalError
 
@@ -79,7 +77,7 @@ class _Machine:
 
 
 class TableServer:
-    """The server; `run` until it is cancelled."""
+    """The server; `run` serves until it is cancelled, or something is the matter."""
 
     def __init__(
         self,
@@ -96,22 +94,13 @@ class TableServer:
         self.trouble = ""
 
     async def run(self) -> None:
-        """Serve; where the port is taken, say so and try again."""
-        while True:
-            try:
-                await self._serve()
-            except Exception as why:
-                self.trouble = f"cannot serve at {self._endpoint}: {why}"
-                log.warning("OPC UA server: %s; it tries again in %.0f s", self.trouble, AGAIN_S)
-            await asyncio.sleep(AGAIN_S)
-
-    async def _serve(self) -> None:
+        """Serve; what ends it is raised, as where the port is taken."""
         server = await self._made()
         self._machines = {}
         nodes = Nodes(server, await server.register_namespace(NAMESPACE))
         await nodes.begin("Machines")
         await self._look(server, nodes)
-        asking = asyncio.create_task(self._ask())
+        asking = asyncio.create_task(keep_running("OPC UA server: watches and analyses", self._ask))
         try:
             async with server:
                 self.is_listening, self.trouble = True, ""
@@ -145,13 +134,16 @@ class TableServer:
         )
         return server
 
+    def ended(self, words: str) -> None:
+        """Take note of why nothing is served."""
+        if self.trouble != (trouble := f"cannot serve at {self._endpoint}: {words}"):
+            log.warning("OPC UA server: %s; it tries again", trouble)
+        self.trouble = trouble
+
     async def _ask(self) -> None:
         """Ask the database beside the rest: while it hangs, tables go on."""
         while True:
-            try:
-                self._stored = await run_in_threadpool(stored_of_machines, self._context())
-            except Exception:
-                log.exception("OPC UA server: could not ask for watches and analyses")
+            self._stored = await run_in_threadpool(stored_of_machines, self._context())
             await asyncio.sleep(ASK_EVERY_S)
 
     async def _look(self, server: Server, nodes: Nodes) -> None:

@@ -23,6 +23,7 @@ from app.errors import StorageUnavailable
 from app.services.context import Context
 from app.storage.connection_reports import delete_report, reports, write_report
 from app.storage.limits import QUESTION
+from app.supervision import keep_running
 
 log = logging.getLogger("thermap")
 
@@ -82,7 +83,9 @@ class ConnectionReports:
         if owner is None or not self._own:
             yield
             return
-        telling = asyncio.create_task(self._tell_others(owner))
+        telling = asyncio.create_task(
+            keep_running("reports of connections", lambda: self._tell_others(owner))
+        )
         try:
             yield
         finally:
@@ -102,8 +105,6 @@ class ConnectionReports:
                     last, told_s = content, monotonic()
             except StorageUnavailable:
                 pass  # that it is away is said elsewhere
-            except Exception:
-                log.exception("could not tell other processes of the connections")
             await asyncio.sleep(TELL_EVERY_S)
 
     def _tell(self, owner: str, content: str) -> None:

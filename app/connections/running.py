@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
+from typing import Final
 
 from app.answer import Answer
 from app.connections.config import ConnectionsFile
@@ -19,7 +20,12 @@ from app.connections.intake import Fate, Intake, Sender, TakesValues
 from app.connections.mqtt_tables import MqttTable
 from app.connections.mtconnect_connection import AgentConnection, MtconnectTable
 from app.connections.opcua_connection import OpcuaTable, ServerConnection
+from app.foreign_text import shown, without_secrets
 from app.services.context import Context
+from app.supervision import keep_running
+
+LONGEST_TROUBLE: Final = 2000
+"""Of what is said of one connection [characters]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +86,13 @@ class Connections:
         if not self._connections:
             yield
             return
-        tasks = [asyncio.create_task(self._intake.run())]
-        tasks += [asyncio.create_task(one.run()) for _, one in self._connections]
+        tasks = [
+            asyncio.create_task(keep_running("what connections read", self._intake.run)),
+            *(
+                asyncio.create_task(keep_running(one.now().name, one.run, one.lost))
+                for _, one in self._connections
+            ),
+        ]
         try:
             yield
         finally:
@@ -89,6 +100,7 @@ class Connections:
                 task.cancel()
             with suppress(asyncio.CancelledError):
                 await asyncio.gather(*tasks, return_exceptions=True)
+            self._intake.end()
 
 
 def _connection(
@@ -111,5 +123,10 @@ def _connection(
 def _with_counts(now: Connection, sender: Sender) -> Connection:
     fates = sender.fates
     return replace(
-        now, taken=fates[Fate.STORED], dropped=fates[Fate.DROPPED], refused=fates[Fate.REFUSED]
+        now,
+        trouble=shown(now.trouble, LONGEST_TROUBLE),
+        endpoint=without_secrets(now.endpoint),
+        taken=fates[Fate.STORED],
+        dropped=fates[Fate.DROPPED],
+        refused=fates[Fate.REFUSED],
     )

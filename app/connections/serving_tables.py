@@ -12,6 +12,7 @@ from app.connections.opcua_security import OpcuaServerTable
 from app.errors import InvalidContent
 from app.services.context import Context
 from app.settings import is_this_computer
+from app.supervision import keep_running
 
 
 def expect_servable(
@@ -50,7 +51,8 @@ async def serving_tables(
     # Imported only here: it is an extra, and takes long.
     from app.connections.opcua_server import TableServer
 
-    running = asyncio.create_task(TableServer(context, endpoint, security).run())
+    server = TableServer(context, endpoint, security)
+    running = asyncio.create_task(keep_running("OPC UA server", server.run, server.ended))
     try:
         yield
     finally:

@@ -38,6 +38,7 @@ async def running_intake(service, **limits):
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
+        intake.end()
 
 
 async def readings_of(service):

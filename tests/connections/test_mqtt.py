@@ -13,7 +13,8 @@ import pytest
 
 pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed")
 
-from app.connections import intake, mqtt_connection
+from app import supervision
+from app.connections import intake
 from app.connections.config import read_connections
 from app.connections.sparkplug_payload import rebirth_command
 from app.errors import InvalidContent, StorageUnavailable
@@ -119,8 +120,8 @@ def url(databases):
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
     """Wait shorter than in the shop."""
-    monkeypatch.setattr(mqtt_connection, "FIRST_PAUSE_S", 0.1)
-    monkeypatch.setattr(mqtt_connection, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(supervision, "FIRST_PAUSE_S", 0.1)
+    monkeypatch.setattr(supervision, "LONGEST_PAUSE_S", 0.2)
 
 
 PLAIN = '[[mqtt.topics]]\ntopic = "shop/{machine}/{sensor}"\n'

@@ -10,6 +10,7 @@ pytest.importorskip("asyncua", reason="the extra opcua is not installed")
 
 from asyncua import ua
 
+from app import supervision
 from app.connections import opcua_client, opcua_session
 from app.connections.opcua_client import Followed, Found, ServerFollower
 from app.connections.opcua_observations import (
@@ -20,6 +21,7 @@ from app.connections.opcua_observations import (
     stated_unit,
 )
 from app.connections.opcua_session import Access
+from app.supervision import keep_running
 from app.units import TemperatureUnit
 from tests.connections.opcua_server_example import URI, ExampleServer, free_port
 
@@ -58,7 +60,8 @@ async def following(access, followed, repeated_s=3600.0):
         publishing_s=0.1,
         repeated_s=repeated_s,
     )
-    running = asyncio.create_task(seen.follower.run())
+    follower = seen.follower
+    running = asyncio.create_task(keep_running("server", follower.run, follower.lost))
     try:
         yield seen
         assert not running.done()
@@ -70,8 +73,8 @@ async def following(access, followed, repeated_s=3600.0):
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch):
-    monkeypatch.setattr(opcua_client, "FIRST_PAUSE_S", 0.1)
-    monkeypatch.setattr(opcua_client, "LONGEST_PAUSE_S", 0.5)
+    monkeypatch.setattr(supervision, "FIRST_PAUSE_S", 0.1)
+    monkeypatch.setattr(supervision, "LONGEST_PAUSE_S", 0.5)
     monkeypatch.setattr(opcua_client, "LOOK_EVERY_S", 0.3)
     monkeypatch.setattr(opcua_client, "KEEP_ALIVE_S", 0.5)
 

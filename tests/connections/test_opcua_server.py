@@ -32,6 +32,7 @@ from app.main import create_app
 from app.services.status import Stored
 from app.settings import Settings
 from app.storage.watches import Watched
+from app.supervision import keep_running
 
 pytestmark = pytest.mark.anyio
 
@@ -42,7 +43,7 @@ EXX = "mcfv5050/Components/EXX"
 async def table_server(service, security=None):
     url = f"opc.tcp://127.0.0.1:{free_port()}/thermap"
     server = TableServer(lambda: service.state.context, url, security)
-    running = asyncio.create_task(server.run())
+    running = asyncio.create_task(keep_running("server", server.run, server.ended))
     try:
         async with asyncio.timeout(120):
             while not server.is_listening:
@@ -282,14 +283,14 @@ async def test_machines_come_and_go(machine):
 
 @pytest.mark.slow
 async def test_a_taken_port_is_said_and_tried_again(machine, monkeypatch):
-    monkeypatch.setattr("app.connections.opcua_server.AGAIN_S", 0.2)
+    monkeypatch.setattr("app.supervision.FIRST_PAUSE_S", 0.2)
     service, _ = machine
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         url = f"opc.tcp://127.0.0.1:{taken.getsockname()[1]}/thermap"
         server = TableServer(lambda: service.state.context, url)
-        running = asyncio.create_task(server.run())
+        running = asyncio.create_task(keep_running("server", server.run, server.ended))
         async with asyncio.timeout(120):
             while not server.trouble:
                 await asyncio.sleep(0.05)
