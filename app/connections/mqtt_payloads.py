@@ -116,7 +116,7 @@ def time_at(document: Any, path: JsonPath, form: TimeForm) -> datetime:
     except ValueError:
         pass
     raise Unusable(
-        f"expected a time as {_TIME_FORMS[form]}, from the year 1900 to 2999, at {path.text}, got "
+        f"expected a time as {_TIME_FORMS[form]} at {path.text}, from the year 1900 to 2999, got "
         f"{_shown(found)}"
     )
 
