@@ -13,7 +13,6 @@ from fastapi import Depends, Path, Query, Request
 from fastapi.dependencies.models import Dependant
 from starlette.concurrency import run_in_threadpool
 
-from app.api.schemas.base import StoredInteger
 from app.api.turns import Turns
 from app.errors import InvalidContent, StorageUnavailable, list_names
 from app.live.registry import LiveMachine
@@ -102,12 +101,10 @@ AcceptLossesQuery = Annotated[
 
 ContextDep = Annotated[Context, Depends(get_context)]
 RunnerDep = Annotated[AnalysisRunner, Depends(get_runner)]
-MapPath = Annotated[StoredInteger, Path(description="The map's number", examples=[1])]
-VerificationPath = Annotated[
-    StoredInteger, Path(description="The verification's number", examples=[1])
-]
-AnalysisPath = Annotated[StoredInteger, Path(description="The analysis' number", examples=[1])]
-VersionPath = Annotated[StoredInteger, Path(description="Number of the version", examples=[3])]
+MapPath = Annotated[int, Path(description="The map's number", examples=[1])]
+VerificationPath = Annotated[int, Path(description="The verification's number", examples=[1])]
+AnalysisPath = Annotated[int, Path(description="The analysis' number", examples=[1])]
+VersionPath = Annotated[int, Path(description="Number of the version", examples=[3])]
 MachinePath = Annotated[str, Path(description="The machine's id", examples=["mcfv5050"])]
 
 

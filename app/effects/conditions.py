@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Literal, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
@@ -330,6 +331,73 @@ class SomeRows(Mapping[Key, FloatArray]):
 
 
 @dataclass(frozen=True, eq=False)
+class StatedStates(Mapping[str, FloatArray]):
+    """What is stated of the machine's state beside n rows, as arrays of n when they are asked for.
+
+    Each row may state other names: all names for all rows at once could fill the memory.
+    """
+
+    stated: Sequence[Mapping[str, float]]
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self._names:
+            raise KeyError(name)
+        return np.array([state.get(name, np.nan) for state in self.stated], dtype=float)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @cached_property
+    def _names(self) -> dict[str, None]:
+        return dict.fromkeys(sorted({name for state in self.stated for name in state}))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedStates(Mapping[str, FloatArray]):
+    """States at n times, read off the record when they are asked for, and then kept.
+
+    Parameters
+    ----------
+    beside
+        What was stated beside the times goes before the record.
+    """
+
+    recordings: Mapping[tuple[str, str], Recording]
+    times_s: FloatArray
+    beside: Mapping[str, FloatArray]
+    _read: dict[str, FloatArray] = field(default_factory=dict, init=False)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self._read:
+            self._read[name] = self._at_times(name)
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    @cached_property
+    def _names(self) -> dict[str, None]:
+        recorded = [name for kind, name in self.recordings if kind == "state"]
+        return dict.fromkeys([*recorded, *self.beside])
+
+    def _at_times(self, name: str) -> FloatArray:
+        recording = self.recordings.get(("state", name))
+        if recording is None:
+            return self.beside[name]
+        recorded, beside = recording.at(self.times_s), self.beside.get(name)
+        return recorded if beside is None else np.where(np.isnan(beside), recorded, beside)
+
+
+@dataclass(frozen=True, eq=False)
 class Conditions:
     """Temperatures, states and their past at n times.
 
@@ -527,13 +595,7 @@ def recorded_conditions(
             earlier = history.at(name, times_s - RATE_OVER_S, sensor.max_age_s)
             rates[name] = (temperatures[name] - earlier) * (SECONDS_PER_H / RATE_OVER_S)
     recordings = recordings_of(sensors, history, state_readings)
-    states = {
-        name: recording.at(times_s)
-        for (kind, name), recording in recordings.items()
-        if kind == "state"
-    }
-    for name, own in (own_states or {}).items():
-        states[name] = np.where(np.isnan(own), states.get(name, own), own)
+    states = RecordedStates(recordings, times_s, own_states or {})
     return Conditions(times_s, temperatures, states, RecordedLags(recordings), rates)
 
 

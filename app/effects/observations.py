@@ -16,6 +16,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
+from app.effects.conditions import StatedStates
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
 from app.measurement.stated_numbers import suspiciously_small
@@ -37,6 +38,25 @@ LIKELY_REPEATABILITY_UM: Final = (0.005, 50.0)
 
 SAME_PLACE_DECIMALS: Final = 6
 """Places that agree to a nanometre are one."""
+
+MOST_STATE_VALUES: Final = 4_000_000
+"""Names of states times observations: a table of both is stored and searched."""
+
+
+def refuse_many_states(names: int, observations: int) -> None:
+    """Refuse what would fill the memory where each observation may state names of its own.
+
+    Raises
+    ------
+    InvalidContent
+        That says how many names there may be.
+    """
+    if names * observations > MOST_STATE_VALUES:
+        raise InvalidContent.of_field(
+            "state",
+            f"expected at most {MOST_STATE_VALUES // observations} names of states for "
+            f"{observations} observations, got {names}",
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +226,7 @@ class ObservationRows:
         With which tool offset.
     directions : ndarray, shape (n, 3)
         Approach of x, y, z: +1, −1 or 0.
-    states : mapping of name to ndarray, shape (n,)
+    states
         States that were stated beside the observations, else NaN.
     """
 
@@ -221,7 +241,7 @@ class ObservationRows:
     points_mm: FloatArray
     tool_offsets_mm: FloatArray
     directions: FloatArray
-    states: Mapping[str, FloatArray]
+    states: StatedStates
     verifications: tuple[Verification, ...]
 
     def __len__(self) -> int:
@@ -312,7 +332,7 @@ class ObservationRows:
         return replace(
             self,
             **{name: getattr(self, name)[kept] for name in arrays},
-            states={name: values[kept] for name, values in self.states.items()},
+            states=StatedStates([self.states.stated[int(i)] for i in np.flatnonzero(kept)]),
         )
 
 
@@ -360,7 +380,7 @@ def observation_rows(verifications: Sequence[Verification]) -> ObservationRows:
         points_mm=np.array([_point(o) for *_, o, _ in flat]),
         tool_offsets_mm=np.array([o.tool_offset_mm for *_, o, _ in flat], dtype=float),
         directions=np.array([o.directions for *_, o, _ in flat], dtype=float),
-        states=_states([o for *_, o, _ in flat]),
+        states=StatedStates([o.state for *_, o, _ in flat]),
         verifications=tuple(verifications),
     )
     return replace(rows, replicate=_replicates(rows))
@@ -397,14 +417,6 @@ def _point(o: Observation) -> Triple:
     return (x, y, z)
 
 
-def _states(observations: Sequence[Observation]) -> dict[str, FloatArray]:
-    names = sorted({name for o in observations for name in o.state})
-    return {
-        name: np.array([o.state.get(name, np.nan) for o in observations], dtype=float)
-        for name in names
-    }
-
-
 def _in_time(times_s: FloatArray, setup: IntArray) -> IntArray:
     """Number set-ups anew, in the order in which they began."""
     begun_s = [float(times_s[setup == number].min()) for number in range(setup.max() + 1)]
@@ -415,9 +427,10 @@ def _in_time(times_s: FloatArray, setup: IntArray) -> IntArray:
 
 def _replicates(rows: ObservationRows) -> IntArray:
     """Group what was read again at the same place, from the same side, in the same state, soon."""
-    states = [np.nan_to_num(values, nan=np.inf) for _, values in sorted(rows.states.items())]
+    numbers: dict[tuple[tuple[str, float], ...], int] = {}
+    state = [numbers.setdefault(tuple(sorted(s.items())), len(numbers)) for s in rows.states.stated]
     keys = np.column_stack(
-        [rows.visit, rows.channel, rows.directions, rows.tool_offsets_mm, _place(rows), *states]
+        [rows.visit, rows.channel, rows.directions, rows.tool_offsets_mm, _place(rows), state]
     )
     groups: dict[tuple[float, ...], list[int]] = defaultdict(list)
     for row, key in enumerate(map(tuple, keys.tolist())):

@@ -6,10 +6,11 @@ stays what it was at the edge, as an error map does beyond the maps' temperature
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias, cast
 
 import numpy as np
 from pydantic import Field
@@ -195,10 +196,10 @@ def range_of(values: FloatArray) -> Range | None:
 
 def _clipped(
     values: Mapping[str, FloatArray], ranges: Mapping[str, Range]
-) -> dict[str, FloatArray]:
-    return {
-        name: np.clip(own, *ranges[name]) if name in ranges else own for name, own in values.items()
-    }
+) -> Mapping[str, FloatArray]:
+    clipped = {name: np.clip(values[name], *ranges[name]) for name in ranges if name in values}
+    # A chain asks what is not clipped for nothing: a record may name thousands of states.
+    return ChainMap(clipped, cast("dict[str, FloatArray]", values))
 
 
 def _ranges(stored: Mapping[str, Any]) -> dict[str, Range]:

@@ -8,7 +8,7 @@ from typing import Final
 
 from app.effects.conditions import recorded_conditions
 from app.effects.effect import Effect
-from app.effects.observations import Verification, observation_rows
+from app.effects.observations import Verification, observation_rows, refuse_many_states
 from app.identification.doubted_sensors import trusted_readings
 from app.identification.residuals.inexact_sensors import Inexact, looked_back
 from app.identification.residuals.residuals import Residuals, compute_residuals
@@ -74,6 +74,7 @@ def residuals_of(campaign: Campaign, inexact: Mapping[str, Inexact] = NONE_INEXA
         rows.times_s,
         rows.states,
     )
+    refuse_many_states(len(conditions.states), len(rows))
     return compute_residuals(
         campaign.model,
         rows,

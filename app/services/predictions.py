@@ -11,7 +11,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.effects.adopted.held import Missing
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
-from app.effects.conditions import Conditions, recorded_conditions
+from app.effects.conditions import Conditions, StatedStates, recorded_conditions
 from app.effects.effect import Effect, acting_on
 from app.effects.past import needed_past
 from app.effects.projection import missing_at_points
@@ -137,13 +137,12 @@ def _conditions(
     history = TemperatureHistory.of_readings(
         machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
     )
-    names = {name for o in observations for name in o.state}
     return recorded_conditions(
         machine.sensors,
         believed(machine, history),
         [(r.time.timestamp(), r.state) for r in readings],
         np.array([o.time.timestamp() for o in observations]),
-        {name: np.array([o.state.get(name, np.nan) for o in observations]) for name in names},
+        StatedStates([o.state for o in observations]),
     )
 
 

@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session, undefer_group
 
 from app.arrays import FloatArray
-from app.effects.observations import Observation, Triple, Verification
+from app.effects.observations import Observation, Triple, Verification, refuse_many_states
 from app.errors import UnknownThing, existing_names
 from app.geometry.components import ORDER
 from app.identification.watch.watching import Judgement
@@ -214,6 +214,7 @@ def _row(machine_id: str, verification: Verification) -> VerificationRow:
     components = sorted(names, key=lambda name: ORDER.get(name, len(ORDER)))
     number = {name: i for i, name in enumerate(components)}
     state_names = sorted({name for o in asked for name in o.state})
+    refuse_many_states(len(state_names), len(asked))
     setup_names = sorted({o.setup for o in asked if o.setup is not None})
     setups: dict[str | None, float] = {name: float(i) for i, name in enumerate(setup_names)}
     times_s = np.array([o.time_s for o in asked])

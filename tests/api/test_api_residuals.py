@@ -6,6 +6,7 @@ from datetime import timedelta
 
 import pytest
 
+from app.effects import observations
 from tests.service_examples import ROOM, START, error_map, iso, problem, reading
 
 pytestmark = pytest.mark.anyio
@@ -214,3 +215,20 @@ async def test_wrong_questions(room, path, body, status, words):
     await stored(room, [exx(0, 100.0, 0.0)])
     found = problem(await room.post(f"{ROOM}/{path}", json=body), status)
     assert words in found["detail"]
+
+
+async def test_names_of_states_times_observations_are_limited(room, monkeypatch):
+    """A table of both is stored with a verification, and searched with all of them."""
+    one, other = (
+        [exx(5 * i, 40.0 * i + 100, 1.0, state={f"{name}{i}": 1.0}) for i in range(4)]
+        for name in "ab"
+    )
+    monkeypatch.setattr(observations, "MOST_STATE_VALUES", 15)
+    answer = await room.post(PATH, json={"label": "v", "observations": one})
+    assert "at most 3 names of states for 4 obs" in problem(answer, 422)["detail"]
+    monkeypatch.setattr(observations, "MOST_STATE_VALUES", 63)
+    number = await stored(room, one)
+    assert (await room.get(f"{PATH}/{number}/residuals")).status_code == 200
+    await stored(room, other, label="w")
+    answer = await room.post(f"{ROOM}/residuals", json={})
+    assert "at most 7 names of states for 8 obs" in problem(answer, 422)["detail"]

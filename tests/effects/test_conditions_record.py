@@ -1,5 +1,7 @@
 """Conditions read off a record, and carried along live."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from app.effects.conditions import (
     Conditions,
     RecordedLags,
     Signal,
+    StatedStates,
     recorded_conditions,
 )
+from app.effects.valid import Valid
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -34,6 +38,20 @@ def test_a_state_beside_an_observation_goes_before_the_readings():
     states = [(0.0, {"rpm": 1.0})]
     found = record([0.0, 100.0], [50.0, 60.0], states, {"rpm": np.array([np.nan, 9.0])})
     assert found.state("rpm").tolist() == [1.0, 9.0]
+
+
+def test_a_name_of_its_own_in_each_row_does_not_fill_the_memory():
+    n = 4000
+    stated = StatedStates([{f"s{i}": 1.0} for i in range(n)])
+    recorded = [(float(i), {f"r{i}": 2.0}) for i in range(n)]
+    learnt = Valid(0.0, 1.0, state={"s7": (5.0, 9.0)})
+    tracemalloc.start()
+    try:
+        found = learnt.held(record([0.0, n], np.arange(n), recorded, stated)).take(np.arange(10))
+        assert (len(found.states), found.state("r3")[3], found.state("s7")[7]) == (2 * n, 2.0, 5.0)
+        assert tracemalloc.get_traced_memory()[1] < 8 * n * n / 4  # all would be as much twice
+    finally:
+        tracemalloc.stop()
 
 
 def test_an_old_state_is_not_known():

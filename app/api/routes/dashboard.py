@@ -12,7 +12,7 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, FleetQuestionQuery, MachinePath, VersionPath
 from app.api.pages import Page
 from app.api.router import Router
-from app.api.schemas.base import StoredInteger
+from app.api.routes.events import BeforeQuery
 from app.controllers.registry import format_named
 from app.events.event import EventKind
 from app.pages.dashboard.compared_residuals import compared_residuals
@@ -82,7 +82,7 @@ async def get_icon() -> Response:
     return Response(status_code=204, headers={"Cache-Control": "max-age=86400"})
 
 
-VersionNumber = Annotated[StoredInteger | None, Query(ge=1)]
+VersionNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]
 ToolOffset = Annotated[float, Query(ge=-1e5, le=1e5, allow_inf_nan=False)]
 
 
@@ -105,7 +105,7 @@ def get_volume(
 def get_loop(
     context: ContextDep,
     machine: MachinePath,
-    analysis: Annotated[StoredInteger | None, Query(description="The analysis' number")] = None,
+    analysis: Annotated[int | None, Query(description="The analysis' number")] = None,
 ) -> Page:
     """Show a machine's checks, and what an analysis of them found; the newest if none is stated."""
     view = show_loop(context, machine, analysis)
@@ -116,7 +116,7 @@ def get_loop(
 def get_left_of_check(
     context: ContextDep,
     machine: MachinePath,
-    verification: Annotated[StoredInteger, Path(ge=1)],
+    verification: Annotated[int, Path(ge=1, le=2**31 - 1)],
 ) -> Page:
     """Show what the active version leaves of a check, as a part of the page of the loop.
 
@@ -153,8 +153,8 @@ def get_maps(
 def get_compared_residuals(
     context: ContextDep,
     machine: MachinePath,
-    a: Annotated[StoredInteger, Query(ge=1)],
-    b: Annotated[StoredInteger, Query(ge=1)],
+    a: Annotated[int, Query(ge=1, le=2**31 - 1)],
+    b: Annotated[int, Query(ge=1, le=2**31 - 1)],
 ) -> Page:
     """Show what two versions leave of the same checks, as a part of the page of maps."""
     found = show_compared_checks(context, machine, a, b)
@@ -170,7 +170,7 @@ def get_activation_preview(context: ContextDep, machine: MachinePath, version: V
 
 @router.get("/machines/{machine}/maps/withdrawal/{map_id}", response_class=Page)
 def get_withdrawal_preview(
-    context: ContextDep, machine: MachinePath, map_id: Annotated[StoredInteger, Path(ge=1)]
+    context: ContextDep, machine: MachinePath, map_id: Annotated[int, Path(ge=1, le=2**31 - 1)]
 ) -> Page:
     """Show what taking a map out of use would do, as a part of the page of maps."""
     stored, _ = show_error_map(context, machine, map_id)
@@ -185,7 +185,7 @@ def get_events(
     kind: Literal[
         "", "alarm", "sensor", "model", "verification", "analysis", "readings", "machine"
     ] = "",
-    before: Annotated[StoredInteger | None, Query(ge=1)] = None,
+    before: BeforeQuery = None,
 ) -> Page:
     """Show what happened to a machine; `kind` holds the list to one, `before` goes on in it."""
     status = show_status(context, machine)

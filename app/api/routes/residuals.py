@@ -16,7 +16,6 @@ from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
 from app.api.rounding import to_digits_in
 from app.api.router import Router
-from app.api.schemas.base import StoredInteger
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
@@ -51,7 +50,7 @@ def get_residuals(
     machine: MachinePath,
     verification_id: VerificationPath,
     model_version: Annotated[
-        StoredInteger | None, Query(description="Version; the active one if not stated")
+        int | None, Query(description="Version; the active one if not stated")
     ] = None,
     rows: Annotated[
         int, Query(ge=0, le=MOST_ROWS, description="How many single residuals are shown too")

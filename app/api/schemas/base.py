@@ -70,9 +70,9 @@ Millimetres = Annotated[Number, Field(ge=-1e6, le=1e6)]
 """A length or a position, within a kilometre [mm]."""
 
 StoredInteger = Annotated[int, AfterValidator(_fits_in_a_database)]
-"""A whole number as a database takes it; of a path or a query it comes as text."""
+"""A whole number with which a database can compare its own; in a query it comes as text."""
 
-Integer = Annotated[StoredInteger, Field(strict=True)]
+Integer = Annotated[int, Field(strict=True)]
 """A whole number: no text, no booleans."""
 
 YesOrNo = Annotated[bool, Field(strict=True)]

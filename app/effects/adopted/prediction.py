@@ -12,7 +12,7 @@ from app.arrays import FloatArray
 from app.effects.adopted.contributions import contributions
 from app.effects.adopted.faulty_sensors import set_faulty_aside
 from app.effects.adopted.held import EFFECTS_ONLY, Missing, Remark, with_held
-from app.effects.conditions import Conditions
+from app.effects.conditions import Conditions, StatedStates
 from app.effects.effect import Effect, acting_on
 from app.effects.observations import POINT_CHANNELS, ObservationRows
 from app.effects.projection import Projection, places_of
@@ -144,6 +144,6 @@ def _rows(places: AskedPlaces, times_s: FloatArray, columns: int) -> Observation
         points_mm=np.repeat(places.points_mm, columns, axis=0),
         tool_offsets_mm=np.repeat(places.tool_offsets_mm, columns, axis=0),
         directions=np.repeat(places.directions, columns, axis=0),
-        states={},
+        states=StatedStates([{}] * n),
         verifications=(),
     )
