@@ -19,6 +19,7 @@ from app.api.access import AccessControl
 from app.api.connection_metrics import connection_metrics
 from app.api.error_responses import install_error_responses
 from app.api.gate import Gate
+from app.api.long_bodies import LongBodies
 from app.api.machine_metrics import machine_metrics
 from app.api.metrics import Metrics, MetricsMiddleware
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
@@ -212,6 +213,7 @@ def _set_state(
 ) -> None:
     """Put what requests share into the service's state, which has its context already."""
     service.state.streams = TableStreams(lambda: service.state.context)
+    service.state.long_bodies = LongBodies()
     service.state.turns = Turns(settings.waiting_requests, settings.waiting_limit_s)
     service.state.readiness = SharedQuestion(
         lambda: check_readiness(service.state.context), READY_S

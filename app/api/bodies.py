@@ -9,7 +9,7 @@ than for a piece.
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractAsyncContextManager, nullcontext
 from functools import cache
 from typing import Annotated, Any, Final, TypeVar, cast
 
@@ -24,10 +24,12 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import Message
 
+from app.api.access import holder_of
 from app.api.collector import uncollected
 from app.api.dependencies import refuse_unknown_query
 from app.api.field_errors import with_known_fields
 from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
+from app.api.long_bodies import AT_ONCE, LongBodies
 from app.api.media_types import JSON
 from app.api.schemas.base import Schema
 from app.api.schemas.in_pieces import shown_errors
@@ -42,7 +44,9 @@ USUAL_LIMIT: Final = 8 * MEGABYTE
 LIMIT_NAME: Final = "x-largest-body-bytes"
 """Under which a route's limit stands in the OpenAPI document."""
 
-_LONG_BODIES_AT_ONCE: Final = 2
+_THREADS: Final = 2 * AT_ONCE
+"""Half of them for what is no long body, and takes long all the same."""
+
 _MANY_OBJECTS: Final = MEGABYTE
 _limiters: RunVar[CapacityLimiter] = RunVar("long bodies")
 
@@ -74,14 +78,16 @@ class BodyRoute(APIRoute):
             if not body:
                 return await handle(ReadRequest(request, b"", None))
             _refuse_other_kinds(request, (JSON,))
-            with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
-                content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
-                read = ReadRequest(request, body, content)
-                del content  # now `read` alone holds it, and `release` frees it
-                try:
-                    return await self.answer(read, handle)
-                finally:
-                    read.release()
+            is_long = len(body) > SHORT_TEXT
+            async with _turn(request) if is_long else nullcontext():
+                with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
+                    content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
+                    read = ReadRequest(request, body, content)
+                    del content  # now `read` alone holds it, and `release` frees it
+                    try:
+                        return await self.answer(read, handle)
+                    finally:
+                        read.release()
 
         return read_and_handle
 
@@ -126,8 +132,10 @@ class FileRoute(APIRoute):
         async def receive_and_handle(request: Request) -> Response:
             _refuse_other_kinds(request, kinds)
             body = await received(request, min(limit, request.app.state.max_body_bytes))
-            with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
-                return await handle(ReadRequest(request, body, None))
+            # A file may be packed: its length does not say how long it takes.
+            async with _turn(request):
+                with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
+                    return await handle(ReadRequest(request, body, None))
 
         return receive_and_handle
 
@@ -198,19 +206,25 @@ def _refuse_other_kinds(request: Request, kinds: Sequence[str]) -> None:
         )
 
 
+def _turn(request: Request) -> AbstractAsyncContextManager[None]:
+    """Give what waits for the turn of a long body."""
+    turns: LongBodies = request.app.state.long_bodies
+    return turns.taken(holder_of(request.scope))
+
+
 async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
     """Read a short body at once, a long one in a thread."""
     return read() if size <= SHORT_TEXT else await in_a_thread(read)
 
 
 async def in_a_thread(read: Callable[[], Read]) -> Read:
-    """Read what may be long in a thread, without the collector, and not many of them together.
+    """Read what may be long in a thread, without the collector.
 
     The threads are not those of other requests: where these all wait, it is read nevertheless.
     """
     limiter = _limiters.get(None)
     if limiter is None:
-        limiter = CapacityLimiter(_LONG_BODIES_AT_ONCE)
+        limiter = CapacityLimiter(_THREADS)
         _limiters.set(limiter)
 
     def read_uncollected() -> Read:

@@ -59,6 +59,7 @@ _TITLES = {
     408: "Request stopped half-way",
     413: "Too large",
     415: "Wrong type of content",
+    503: "Too busy",
 }
 
 _LONGEST = 4000

@@ -7,10 +7,12 @@ import threading
 import weakref
 from dataclasses import replace
 
+import httpx
 import pytest
 
 from app.api import bodies, collector
 from app.api.collector import uncollected
+from app.api.long_bodies import AT_ONCE
 from app.api.routes import map_files, verification_files, verifications
 from app.api.turns import AT_WORK
 from app.errors import InvalidContent
@@ -92,6 +94,11 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
     assert said[0]() is None
 
 
+def sending_from(app, address):
+    transport = httpx.ASGITransport(app=app, client=(address, 1), raise_app_exceptions=False)
+    return httpx.AsyncClient(transport=transport, base_url="http://localhost")
+
+
 @pytest.mark.anyio
 @pytest.mark.parametrize(
     ("path", "routes", "read"),
@@ -120,16 +127,17 @@ async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(
 
     monkeypatch.setattr(routes, read, wait)
     headers = {"content-type": "text/csv"}
-    asked = [asyncio.create_task(client.post(path, content="1", headers=headers)) for _ in range(5)]
+    senders = [sending_from(app, f"192.0.2.{i}") for i in (1, 1, 2, 2, 3)]
+    asked = [asyncio.create_task(one.post(path, content="1", headers=headers)) for one in senders]
     async with asyncio.timeout(60):
-        while len(met) < bodies._LONG_BODIES_AT_ONCE:
+        while len(met) < AT_ONCE:
             await asyncio.sleep(0.01)
         # Others could begin to read now, and are asked whether the service answers.
         assert (await client.get(ROOM)).status_code == 200
-        assert len(met) == bodies._LONG_BODIES_AT_ONCE
+        assert len(met) == AT_ONCE
         going_on.set()
         answers = await asyncio.gather(*asked)
     assert [one.status_code for one in answers] == [422] * 5
     assert len(met) == 5
-    assert max(count for count, _, _ in met) == bodies._LONG_BODIES_AT_ONCE
+    assert max(count for count, _, _ in met) == AT_ONCE
     assert {(collects, free) for _, collects, free in met} == {(False, AT_WORK)}
