@@ -13,9 +13,8 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from app.api.files.decimal_text import read_number
 from app.csv_text import without_marks
@@ -400,14 +399,9 @@ def workbook_text(content: bytes) -> str:
     """
     if content.startswith(OLD_WORKBOOK):
         raise NoTable("an old Excel workbook (.xls): save it as CSV or .xlsx")
-    from openpyxl import load_workbook
+    from app.api.files.workbooks import read_sheets
 
-    try:
-        book = load_workbook(io.BytesIO(content), read_only=True, data_only=True)
-        all_rows = {s.title: [_cells(row) for row in s.values] for s in book.worksheets}
-    except Exception as error:  # openpyxl lets through whatever its XML and zip readers raise
-        raise NoTable(f"expected CSV or an Excel workbook (.xlsx), got neither: {error}") from None
-    sheets = {title: rows for title, rows in all_rows.items() if any(rows)}
+    sheets = {title: rows for title, rows in read_sheets(content).items() if any(rows)}
     if len(sheets) != 1:
         got = f"{len(sheets)}: {list_names(sheets)}" if sheets else "none"
         raise NoTable(
@@ -416,22 +410,6 @@ def workbook_text(content: bytes) -> str:
         )
     (rows,) = sheets.values()
     return "".join(_line(cells) for cells in rows)
-
-
-def _cells(row: Sequence[Any]) -> list[str]:
-    """Write a row's cells, without the empty ones at its end."""
-    cells = [_written(value) for value in row]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
-
-
-def _written(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, datetime):
-        return value.isoformat()
-    return " ".join(str(value).split())
 
 
 def _line(cells: Sequence[str]) -> str:
