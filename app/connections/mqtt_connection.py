@@ -173,6 +173,8 @@ class MqttConnection(TellsTables):
     def _take(self, message: Arrived) -> list[asyncio.Future[Fate]]:
         """Read a message, and hand over what it says."""
         topic = message.topic
+        if message.refusal:
+            raise Unusable(message.refusal)
         if self._publisher is not None and self._publisher.owns(topic):
             if message.is_retained and message.payload:
                 self._publisher.note(topic)

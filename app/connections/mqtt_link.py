@@ -17,7 +17,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from socket import socketpair
-from threading import Event, Thread
+from threading import Condition, Event, Thread
 from time import monotonic
 from typing import Any, Final
 
@@ -40,10 +40,22 @@ LAST_S: Final = 1.0
 """How long what was said last has to get out [s]."""
 
 LARGEST_MESSAGE: Final = 1024 * 1024
-"""That a broker may send [bytes]."""
+"""That a broker may send [bytes]: it is told so, and keeps larger ones to itself."""
+
+LARGEST_PAYLOAD: Final = 256 * 1024
+"""That is read [bytes]: the birth of an edge node with some thousand metrics fits."""
+
+LONGEST_TOPIC: Final = 1000
+"""That is read [bytes in UTF-8]."""
 
 MOST_LOOSE: Final = 10_000
 """Messages of QoS 0 that wait: nothing bounds these but that the oldest are dropped."""
+
+MOST_LOOSE_BYTES: Final = 16 * 1024 * 1024
+"""Of all of those together [bytes]."""
+
+MOST_UNREAD_BYTES: Final = 16 * 1024 * 1024
+"""Of messages that the event loop has not taken up yet [bytes]: the network waits for it."""
 
 ASSURED: Final = 1
 """The quality of service that is asked for: each message comes, some twice."""
@@ -86,13 +98,17 @@ class Broker:
 
 @dataclass(eq=False, slots=True)
 class Arrived:
-    """A message that came, until it is settled."""
+    """A message that came, until it is settled.
+
+    `refusal` says why nothing of it is read: it was too long to be kept.
+    """
 
     topic: str
     payload: bytes
     is_retained: bool
     qos: int
     mid: int
+    refusal: str = ""
     is_settled: bool = False
 
 
@@ -104,7 +120,10 @@ class Link:
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[Arrived] = deque()
         self._loose: deque[Arrived] = deque()
+        self._loose_bytes = 0
         self._loose_taken = 0
+        self._unread_bytes = 0
+        self._room = Condition()
         self._unsettled: deque[Arrived] = deque()
         self._something = asyncio.Event()
         self._answers: dict[int, asyncio.Future[Sequence[ReasonCode]]] = {}
@@ -140,7 +159,10 @@ class Link:
         """Give what comes, each once, to be settled; LinkLost where contact ends."""
         while True:
             while (one := self._next()) is not None:
-                yield one
+                try:
+                    yield one
+                finally:
+                    one.payload = b""  # it may wait for the database, its content does not
             self._something.clear()
             if self._is_gone:
                 raise LinkLost(self._is_gone)
@@ -280,6 +302,8 @@ class Link:
             self._client.disconnect(reason)
         self._lose("contact was ended")
         self._ends.set()
+        with self._room:
+            self._room.notify()
         self._awake()
 
     @property
@@ -294,12 +318,24 @@ class Link:
     def _next(self) -> Arrived | None:
         if self._waiting:
             one = self._waiting.popleft()
+            self._note_read(one)
             self._unsettled.append(one)
             return one
         if self._loose and self._loose_taken < self._broker.receive_maximum:
             self._loose_taken += 1
-            return self._loose.popleft()
+            return self._take_loose()
         return None
+
+    def _take_loose(self) -> Arrived:
+        one = self._loose.popleft()
+        self._loose_bytes -= len(one.payload)
+        return one
+
+    def _note_read(self, message: Arrived) -> None:
+        """Let the network go on where it waits for this to be read."""
+        with self._room:
+            self._unread_bytes -= len(message.payload)
+            self._room.notify()
 
     # What follows is called by the network's thread.
 
@@ -356,11 +392,19 @@ class Link:
                     self._woken.recv(4096)
                 if is_pending or ready.get(opened, 0) & EVENT_READ:
                     client.loop_read()
+                    self._expect_asked_for(client)
                 if self._is_open(opened) and client.want_write():
                     client.loop_write()
                 client.loop_misc()
                 if self._ends.is_set():
                     until = min(until, monotonic() + LAST_S)
+
+    def _expect_asked_for(self, client: Client) -> None:
+        """Take no more in than the broker was told: the library takes whatever comes."""
+        if client._in_packet["remaining_length"] > LARGEST_MESSAGE:
+            raise ValueError(f"expected messages of at most {LARGEST_MESSAGE} bytes, got more")
+        if client._in_messages:
+            raise ValueError("expected messages of QoS 0 or 1, got one of QoS 2")
 
     def _is_open(self, opened: Any) -> bool:
         return self._client.socket() is opened
@@ -387,9 +431,22 @@ class Link:
             topic = message.topic
         except UnicodeDecodeError:
             topic = "�"
-        payload = bytes(message.payload)
-        arrived = Arrived(topic, payload, message.retain, message.qos, message.mid)
-        self._tell(self._take, arrived)
+        payload, refusal = bytes(message.payload), ""
+        if len(payload) > LARGEST_PAYLOAD:
+            refusal = f"content of at most {LARGEST_PAYLOAD >> 10} kB, got {len(payload)} bytes"
+        elif len(topic.encode()) > LONGEST_TOPIC:
+            refusal = f"a topic of at most {LONGEST_TOPIC} bytes, got {len(topic.encode())}"
+        if refusal:
+            topic, payload, refusal = topic[:LONGEST_TOPIC], b"", f"expected {refusal}"
+        with self._room:
+            self._room.wait_for(
+                lambda: self._unread_bytes < MOST_UNREAD_BYTES or self._ends.is_set()
+            )
+            self._unread_bytes += len(payload)
+        self._tell(
+            self._take,
+            Arrived(topic, payload, message.retain, message.qos, message.mid, refusal),
+        )
 
     # And these by the event loop.
 
@@ -400,11 +457,18 @@ class Link:
     def _take(self, message: Arrived) -> None:
         if message.qos > 0:
             self._waiting.append(message)
+            if len(self._waiting) + len(self._unsettled) > self._broker.receive_maximum:
+                self._lose(
+                    f"expected at most {self._broker.receive_maximum} messages before the first "
+                    "is acknowledged, got more from the broker"
+                )
         else:
-            if len(self._loose) >= MOST_LOOSE:
-                self._loose.popleft()
-                self.dropped += 1
+            self._note_read(message)
             self._loose.append(message)
+            self._loose_bytes += len(message.payload)
+            while len(self._loose) > MOST_LOOSE or self._loose_bytes > MOST_LOOSE_BYTES:
+                self._take_loose()
+                self.dropped += 1
         self._something.set()
 
     def _settled(self, mid: int, codes: Sequence[ReasonCode]) -> None:

@@ -11,6 +11,7 @@ from typing import Any, Final, TypeGuard
 import orjson
 
 from app.errors import ThermapError
+from app.foreign_text import shown
 from app.units import MS_PER_S, read_time, time_since_1970
 
 _NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?")
@@ -134,4 +135,6 @@ def is_number(found: object) -> TypeGuard[int | float]:
 
 
 def _shown(found: Any) -> str:
-    return f"{orjson.dumps(found).decode()[:SHOWN]}"
+    if isinstance(found, dict | list):
+        return f"{'an object' if isinstance(found, dict) else 'a list'} of {len(found)}"
+    return shown(orjson.dumps(found).decode(), SHOWN)

@@ -145,9 +145,13 @@ class AgentFollower:
     def _find(self, items: Sequence[DataItem]) -> None:
         """Find by id or by name what is followed; say what there is not."""
         self._items, self._units, matters = {}, {}, []
+        by_id: dict[str, list[DataItem]] = {}
+        by_name: dict[str, list[DataItem]] = {}
+        for one in items:
+            by_id.setdefault(one.item, []).append(one)
+            by_name.setdefault(one.name, []).append(one)
         for name, wanted in self.followed.items():
-            found = [one for one in items if one.item == wanted.item]
-            found = found or [one for one in items if one.name == wanted.item]
+            found = by_id.get(wanted.item) or by_name.get(wanted.item, [])
             if len(found) != 1:
                 why = "no data item has that" if not found else f"{len(found)} data items have it"
                 matters.append(
@@ -172,11 +176,14 @@ class AgentFollower:
 
     def _take(self, observations: Sequence[Observation]) -> None:
         """Hand on what is followed; what cannot be read is missing, and counted."""
-        found = []
-        for observation in observations:
-            for name, item in self._items.items():
-                if observation.item == item:
-                    found.append(Found(name, self._value_of(name, observation), observation))
+        names: dict[str, list[str]] = {}
+        for name, item in self._items.items():
+            names.setdefault(item, []).append(name)
+        found = [
+            Found(name, self._value_of(name, observation), observation)
+            for observation in observations
+            for name in names.get(observation.item, ())
+        ]
         if found:
             self.take(found)
 

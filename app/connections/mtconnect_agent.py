@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
 from contextlib import aclosing
 from email.message import Message
@@ -42,6 +43,10 @@ PART_HEADER: Final = 8192
 DOCUMENTS: Final = "text/xml, application/xml"
 
 
+_END_OF_HEADER: Final = re.compile(rb"\n\r?\n")
+"""Lines end with either, also in one header."""
+
+
 class Parts:
     """Takes documents out of a `multipart/x-mixed-replace` body as it comes."""
 
@@ -50,6 +55,7 @@ class Parts:
         self._buffer = bytearray()
         self._length: int | None = None
         self._in_body = False
+        self._looked_to = 0
 
     def feed(self, content: bytes) -> Iterator[bytes]:
         """Take bytes, give the documents that are whole by now.
@@ -71,8 +77,9 @@ class Parts:
         length = self._length
         if length is None:
             # Without a length a document ends where the next begins.
-            length = self._buffer.find(self._mark)
+            length = self._buffer.find(self._mark, self._looked_to)
             if length < 0:
+                self._looked_to = max(0, len(self._buffer) - len(self._mark))
                 return None
         if len(self._buffer) < length:
             return None
@@ -87,20 +94,14 @@ class Parts:
             if len(self._buffer) > PART_HEADER:
                 raise NotMtconnect("expected the boundary of a streamed document, got none")
             return False
-        lines = bytes(self._buffer[begin : begin + PART_HEADER]).replace(b"\r\n", b"\n")
-        header, ended, _ = lines.partition(b"\n\n")
-        if not ended:
+        end = _END_OF_HEADER.search(self._buffer, begin, begin + PART_HEADER)
+        if end is None:
             if len(self._buffer) - begin >= PART_HEADER:
                 raise NotMtconnect("expected a streamed document's header, got no end of it")
             return False
-        raw_end = min(
-            at + len(end)
-            for end in (b"\r\n\r\n", b"\n\n")
-            if (at := self._buffer.find(end, begin)) >= 0
-        )
-        self._length = _length_of(header)
-        del self._buffer[:raw_end]
-        self._in_body = True
+        self._length = _length_of(bytes(self._buffer[begin : end.start()]))
+        del self._buffer[: end.end()]
+        self._in_body, self._looked_to = True, 0
         return True
 
 

@@ -16,13 +16,21 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from app.errors import ThermapError
+from app.errors import ThermapError, list_names
+from app.foreign_text import shown
 
 UNAVAILABLE: Final = "UNAVAILABLE"
 """What an agent says of a data item that has no value."""
 
 SHOWN: Final = 80
 """Of a text that cannot be read [characters]."""
+
+
+LONGEST_NUMBER: Final = 40
+"""Of a value as text [characters]."""
+
+CODES: Final = 5
+"""Of an error document that are repeated."""
 
 
 class NotMtconnect(ThermapError):
@@ -36,7 +44,8 @@ class AgentRefused(ThermapError):
     """
 
     def __init__(self, codes: Sequence[str], words: str) -> None:
-        super().__init__(f"the agent says {', '.join(codes) or 'an error'}: {words}")
+        said = shown(f"{list_names(codes[:CODES]) if codes else 'an error'}: {words}")
+        super().__init__(f"the agent says {said}")
         self.codes = frozenset(codes)
 
     @property
@@ -158,7 +167,7 @@ def _refusal(root: Element) -> AgentRefused:
     # code, and the words in an `ErrorMessage` below.
     errors = [element for element in root.iter() if "errorCode" in element.attrib]
     words = "; ".join(" ".join(_words_of(element).split()) for element in errors)
-    return AgentRefused([element.attrib["errorCode"] for element in errors], words[: 4 * SHOWN])
+    return AgentRefused([element.attrib["errorCode"] for element in errors], words)
 
 
 def _words_of(error: Element) -> str:
@@ -198,7 +207,7 @@ def _observation(element: Element) -> Observation | None:
 
 def _number_of(text: str) -> float | None:
     try:
-        value = float(text)
+        value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
     except ValueError:
         return None
     return value if math.isfinite(value) else None

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from time import monotonic
 from typing import Final
 
 from app.connections.intake import Fate, TakesValues
 from app.connections.known_values import KnownValues
 from app.connections.mqtt_tables import SparkplugTable
-from app.connections.sparkplug_nodes import NAMESPACE, Heard, Nodes
+from app.connections.sparkplug_nodes import NAMESPACE, Heard, Nodes, Place
 from app.connections.sparkplug_payload import Metric
 
 REBIRTH_EVERY_S: Final = 10.0
@@ -22,19 +22,20 @@ class SparkplugFollower:
 
     def __init__(self, tables: Sequence[SparkplugTable], intake: TakesValues) -> None:
         self._intake = intake
-        self._nodes = Nodes()
+        self._nodes = Nodes({Place(one.group, one.node, one.device) for one in tables})
         self._asked_s: dict[tuple[str, str], float] = {}
         self._followed = [
-            (one, KnownValues(intake, one.machine, one.sensors, one.state)) for one in tables
+            (one, KnownValues(intake, one.machine, one.sensors, one.state), _names(one))
+            for one in tables
         ]
 
     def __len__(self) -> int:
-        return sum(len(known) for _, known in self._followed)
+        return sum(len(known) for _, known, _ in self._followed)
 
     @property
     def filters(self) -> list[str]:
         """What the broker is asked for: all of a node, whose messages are numbered together."""
-        nodes = {(one.group, one.node) for one, _ in self._followed}
+        nodes = {(one.group, one.node) for one, _, _ in self._followed}
         return [f"{NAMESPACE}/{group}/+/{node}/#" for group, node in sorted(nodes)]
 
     @property
@@ -45,20 +46,20 @@ class SparkplugFollower:
     def forget(self) -> None:
         """Know nothing any more: contact was lost."""
         self._nodes.forget()
-        for _, known in self._followed:
+        for _, known, _ in self._followed:
             known.forget()
 
     def repeat(self) -> None:
         """Tell again what holds: nodes tell changes only."""
-        for _, known in self._followed:
+        for _, known, _ in self._followed:
             known.repeat()
 
     def take(self, topic: str, payload: bytes) -> list[asyncio.Future[Fate]]:
         """Take a message; Unusable as `Nodes.hear`."""
         told = []
         for heard in self._nodes.hear(topic, payload):
-            for table, known in self._followed:
-                told += self._apply(heard, table, known)
+            for table, known, names in self._followed:
+                told += self._apply(heard, table, known, names)
         return told
 
     def unsure(self) -> list[str]:
@@ -68,7 +69,7 @@ class SparkplugFollower:
     def rebirths_due(self) -> list[str]:
         """Give the topics of commands that are to be sent now: births are missing, and wanted."""
         now_s = monotonic()
-        wanted = {(one.group, one.node) for one, _ in self._followed if one.rebirth}
+        wanted = {(one.group, one.node) for one, _, _ in self._followed if one.rebirth}
         due = [
             node
             for node in sorted(wanted - self._nodes.born)
@@ -78,7 +79,11 @@ class SparkplugFollower:
         return [f"{NAMESPACE}/{group}/NCMD/{node}" for group, node in due]
 
     def _apply(
-        self, heard: Heard, table: SparkplugTable, known: KnownValues
+        self,
+        heard: Heard,
+        table: SparkplugTable,
+        known: KnownValues,
+        names: Mapping[str, Sequence[str]],
     ) -> list[asyncio.Future[Fate]]:
         """Hand over what is the table's; without a birth its values are gone."""
         place = heard.place
@@ -91,7 +96,7 @@ class SparkplugFollower:
         now: dict[str, float | None] = {}
         told = []
         for metric in heard.metrics:
-            for name in _names(table, metric.name):
+            for name in names.get(metric.name, ()):
                 value = _value(table, name, metric)
                 if not metric.is_historical:
                     now[name] = value
@@ -101,10 +106,14 @@ class SparkplugFollower:
         return [*told, future] if future is not None else told
 
 
-def _names(table: SparkplugTable, metric: str) -> list[str]:
-    """List what is read from a metric."""
-    sensors = [name for name, one in table.sensors.items() if one.metric == metric]
-    return sensors + [name for name, one in table.state.items() if one == metric]
+def _names(table: SparkplugTable) -> Mapping[str, Sequence[str]]:
+    """List by metrics what is read from each."""
+    found: dict[str, list[str]] = {}
+    for name, one in table.sensors.items():
+        found.setdefault(one.metric, []).append(name)
+    for name, metric in table.state.items():
+        found.setdefault(metric, []).append(name)
+    return found
 
 
 def _value(table: SparkplugTable, name: str, metric: Metric) -> float | None:

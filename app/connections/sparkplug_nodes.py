@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
@@ -62,12 +62,15 @@ class Nodes:
 
     Parameters
     ----------
+    wanted
+        Nodes and devices that are followed: of others no name is remembered.
     lost
         Messages that are missing, by the numbers of those that came.
     unsure
         Nodes of which a birth is needed before aliases can be read.
     """
 
+    wanted: Collection[Place]
     lost: int = 0
     unsure: set[tuple[str, str]] = field(default_factory=set)
     _nodes: dict[tuple[str, str], _Node] = field(default_factory=dict)
@@ -99,6 +102,8 @@ class Nodes:
         if kind not in (_OF_DEVICE if rest else _OF_NODE):
             raise Unusable(f"expected a message of Sparkplug B, got {kind!r:.40}")
         place = Place(group, name, rest[0] if rest else None)
+        if all(place[:2] != wanted[:2] for wanted in self.wanted):
+            return
         payload = read_payload(content)
         node = self._nodes.setdefault((group, name), _Node())
         if kind == "NDEATH":
@@ -148,6 +153,8 @@ class Nodes:
         return True
 
     def _learn(self, node: _Node, place: Place, payload: Payload) -> None:
+        if place not in self.wanted:
+            return
         for metric in payload.metrics:
             node.datatypes[place.device, metric.name] = metric.datatype
             if metric.alias is not None:

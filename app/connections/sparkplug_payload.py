@@ -18,6 +18,9 @@ from google.protobuf.message import DecodeError
 from app.connections.mqtt_payloads import SHOWN, Unusable
 from app.units import MS_PER_S, time_since_1970
 
+MOST_METRICS: Final = 10_000
+"""Of one message."""
+
 REBIRTH: Final = "Node Control/Rebirth"
 SESSION: Final = "bdSeq"
 """Metric that says which birth a death belongs to."""
@@ -118,6 +121,8 @@ def read_payload(content: bytes) -> Payload:
         raise Unusable(
             f"expected a payload of Sparkplug B, got {content[:SHOWN]!r} ({len(content)} bytes)"
         ) from None
+    if len(message.metrics) > MOST_METRICS:
+        raise Unusable(f"expected at most {MOST_METRICS} metrics, got {len(message.metrics)}")
     seq = message.seq if message.HasField("seq") else None
     return Payload(seq, [_metric(one) for one in message.metrics])
 

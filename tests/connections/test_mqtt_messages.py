@@ -21,7 +21,7 @@ from app.connections.mqtt_payloads import (
 from app.connections.mqtt_readers import read_message
 from app.connections.mqtt_tables import TopicTable
 from app.connections.mqtt_topics import TopicPattern
-from app.connections.sparkplug_nodes import Nodes
+from app.connections.sparkplug_nodes import Nodes, Place
 from app.connections.sparkplug_payload import _PAYLOAD, read_payload, rebirth_command, signed
 
 
@@ -115,7 +115,7 @@ def test_many_numbers_of_a_document_of_which_one_is_wrong():
     [
         (b"{", "expected JSON"),
         (b"[1]", "expected a number at v, got nothing"),
-        (b'{"v": [1]}', "expected a number at v, got [1]"),
+        (b'{"v": [1]}', "expected a number at v, got a list of 1"),
         (b'{"v": 21, "ts": "2026-03-01T06:00:00"}', "with its zone at ts"),
         (b'{"v": 21, "ts": 5}', "ISO 8601"),
         (b'{"v": 21}', "ISO 8601"),
@@ -158,6 +158,9 @@ def payload(seq=None, *metrics):
     return message.SerializeToString()
 
 
+WANTED = {Place("g", "n", None), Place("g", "n", "d")}
+
+
 def heard(nodes, topic, content):
     return [
         (one.place.device, one.is_gone, {m.name: m.value for m in one.metrics})
@@ -166,7 +169,7 @@ def heard(nodes, topic, content):
 
 
 def test_aliases_of_a_birth_name_what_comes_later():
-    nodes = Nodes()
+    nodes = Nodes(WANTED)
     birth = payload(0, {"name": "bdSeq", "long_value": 7}, {"name": "T", "alias": 3, "datatype": 3})
     assert heard(nodes, "g/NBIRTH/n", birth)[1][2]["T"] is None
     born = payload(1, {"name": "X", "alias": 4, "datatype": 1, "int_value": 251})
@@ -185,7 +188,7 @@ def test_aliases_of_a_birth_name_what_comes_later():
 
 
 def test_numbers_go_round_and_a_gap_takes_everything_away():
-    nodes = Nodes()
+    nodes = Nodes(WANTED)
     heard(nodes, "g/NBIRTH/n", payload(0, {"name": "T", "alias": 3, "datatype": 9}))
     for seq in [*range(1, 256), 0]:
         news = payload(seq, {"alias": 3, "float_value": 21.5})
@@ -195,6 +198,24 @@ def test_numbers_go_round_and_a_gap_takes_everything_away():
     assert (nodes.lost, nodes.unsure) == (2, {("g", "n")})
     heard(nodes, "g/NBIRTH/n", payload(0, {"name": "T", "alias": 3, "datatype": 9}))
     assert nodes.unsure == set()
+
+
+def test_of_what_is_not_followed_nothing_is_remembered():
+    nodes = Nodes({Place("g", "n", None)})
+    heard(nodes, "g/NBIRTH/n", payload(0, {"name": "T", "alias": 3, "datatype": 9}))
+    for i in range(20):
+        heard(nodes, f"g/DBIRTH/n/d{i}", payload(i + 1, {"name": f"X{i}", "alias": i}))
+        assert heard(nodes, f"g/NBIRTH/other{i}", payload(0, {"name": "T", "alias": 3})) == []
+    (node,) = nodes._nodes.values()
+    assert len(node.aliases) == len(node.datatypes) == 1
+    assert heard(nodes, "g/NDATA/n", payload(21, {"alias": 3, "float_value": 2.0})) == [
+        (None, False, {"T": 2.0})
+    ]
+
+
+def test_more_metrics_than_any_node_has_are_refused():
+    with pytest.raises(Unusable, match="expected at most 10000 metrics, got 10001"):
+        read_payload(payload(0, *[{"alias": 1}] * 10_001))
 
 
 def test_signed_numbers_and_the_command_for_a_birth():
@@ -241,7 +262,7 @@ def test_any_bytes_are_a_payload_or_refused(content):
     )
 )
 def test_any_sequence_of_messages_is_heard_or_refused(messages):
-    nodes = Nodes()
+    nodes = Nodes(WANTED)
     for topic, seq, metrics in messages:
         try:
             heard(nodes, f"g/{topic}", payload(seq, *metrics))
