@@ -16,6 +16,7 @@ from typing import Any, Final
 from asyncua import Server, ua
 from starlette.concurrency import run_in_threadpool
 
+from app.connections.opcua_bounds import bound_server
 from app.connections.opcua_certificates import ends_soon, key_pem, now, read_certificate
 from app.connections.opcua_nodes import Nodes
 from app.connections.opcua_readers import OwnServer, Readers, policies_of
@@ -116,6 +117,7 @@ class TableServer:
         stated = self._security
         server = Server(OwnServer(Readers(stated)))  # type: ignore[arg-type]
         await server.init()
+        bound_server(server)
         server.set_endpoint(self._endpoint)
         server.set_server_name("thermap")
         uri: str | None = None

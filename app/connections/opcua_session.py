@@ -18,6 +18,7 @@ from asyncua import Client, ua
 from asyncua.crypto import security_policies
 from asyncua.crypto.uacrypto import CertProperties
 
+from app.connections.opcua_bounds import LARGEST_ANSWER, MOST_PARTS, bound_client
 from app.connections.opcua_certificates import (
     Certificate,
     key_pem,
@@ -42,11 +43,6 @@ GOODBYE_S: Final = 2.0
 SESSION_S: Final = 60.0
 """After so long without a sign of life a server may close a session [s]: small controllers have
 room for few, and each that was broken off stays open until then."""
-
-LARGEST_MESSAGE: Final = 16 * 1024 * 1024
-"""Of any answer [bytes]."""
-
-MOST_PARTS: Final = 1024
 
 MOST_NODES: Final = 100
 """Nodes that are asked for at once: small controllers refuse more."""
@@ -89,7 +85,8 @@ async def session_with(
     client.name = client.description = "thermap"
     client.application_uri = "urn:thermap:client"
     client.session_timeout = round(SESSION_S * 1000)
-    client.max_messagesize, client.max_chunkcount = LARGEST_MESSAGE, MOST_PARTS
+    client.max_messagesize, client.max_chunkcount = LARGEST_ANSWER, MOST_PARTS
+    bound_client(client.uaclient)
     client.connection_lost_callback = when_lost  # type: ignore[assignment]
     try:
         async with asyncio.timeout(OPEN_S):
@@ -142,6 +139,7 @@ async def why_refused(access: Access, why: BaseException) -> str:
     if security is None:
         return words
     client = Client(access.endpoint, timeout=ANSWER_S)
+    bound_client(client.uaclient)
     try:
         async with asyncio.timeout(OPEN_S):
             offered = await client.connect_and_get_server_endpoints()
