@@ -240,6 +240,7 @@ def _set_state(
     )
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
+    service.state.forwarded_allow_ips = list(settings.forwarded_allow_ips)
 
 
 def _allow_other_sites(service: ThermapService, origins: Sequence[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Any, Final
 from urllib.parse import urlsplit
@@ -94,6 +94,11 @@ class Settings(BaseSettings):
     )
     insecure: bool = Field(
         default=False, description="Ask for no key although other computers reach the service"
+    )
+    forwarded_allow_ips: Annotated[tuple[str, ...], NoDecode] = Field(
+        (),
+        description="Addresses and networks of the proxies whose X-Forwarded-For and "
+        "X-Forwarded-Proto are believed",
     )
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on")
     max_body_bytes: int = Field(
@@ -193,7 +198,20 @@ class Settings(BaseSettings):
             )
         return stated
 
-    @field_validator("allowed_hosts", "cors_origins", mode="before")
+    @field_validator("forwarded_allow_ips")
+    @classmethod
+    def _addresses_of_proxies(cls, stated: tuple[str, ...]) -> tuple[str, ...]:
+        for address in stated:
+            try:
+                ip_network(address)
+            except ValueError:
+                raise ValueError(
+                    "expected an address or a network, such as 127.0.0.1 or 10.0.0.0/8, got "
+                    f"{address[:80]!r}; * is not taken: it would believe everybody"
+                ) from None
+        return stated
+
+    @field_validator("allowed_hosts", "cors_origins", "forwarded_allow_ips", mode="before")
     @classmethod
     def _names_apart(cls, stated: Any) -> Any:
         """Take names apart that stand in one text, as in the environment."""

@@ -82,6 +82,16 @@ CorsOption = Annotated[
         "for each.",
     ),
 ]
+ForwardedOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--forwarded-allow-ips",
+        envvar="THERMAP_FORWARDED_ALLOW_IPS",
+        metavar="ADDRESS",
+        help="Address or network of a proxy whose X-Forwarded-For and X-Forwarded-Proto are "
+        "believed, such as 127.0.0.1 or 10.0.0.0/8; once for each. Without it nobody's are.",
+    ),
+]
 RequireKeysOption = Annotated[
     bool,
     typer.Option(
@@ -236,6 +246,9 @@ def server_for(service: FastAPI, log_level: str) -> uvicorn.Server:
             lifespan="on",
             timeout_graceful_shutdown=GRACE_S,
             server_header=False,
+            # Else the server believes whoever comes from 127.0.0.1, where other users are, too.
+            proxy_headers=bool(service.state.forwarded_allow_ips),
+            forwarded_allow_ips=service.state.forwarded_allow_ips,
         ),
         service.state.patience_s,
         service.state.turns,

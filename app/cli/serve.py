@@ -13,6 +13,7 @@ from app.cli.listening import (
     DEFAULT_PORT,
     AllowedHostOption,
     CorsOption,
+    ForwardedOption,
     HostOption,
     InsecureOption,
     PortOption,
@@ -40,6 +41,7 @@ def serve(
     port: PortOption = DEFAULT_PORT,
     allowed_hosts: AllowedHostOption = None,
     cors_origins: CorsOption = None,
+    forwarded_allow_ips: ForwardedOption = None,
     require_keys: RequireKeysOption = False,
     insecure: InsecureOption = False,
     database_url: Annotated[
@@ -198,6 +200,7 @@ def serve(
         port=port,
         allowed_hosts=allowed_hosts or (),
         cors_origins=cors_origins or (),
+        forwarded_allow_ips=forwarded_allow_ips or (),
         require_keys=require_keys,
         insecure=insecure,
         database_url=database_url,
