@@ -15,6 +15,9 @@
      │       └─ StorageOvertaken      another's change came first: the same again may succeed
      ├─ QueueFull             too many analyses wait already
      │   └─ MachineQueueFull      of one machine
+     ├─ AccessRefused         the key that asks may not do this, or is none any more
+     │   ├─ KeyUnknown            there is no such key
+     │   └─ NotAllowed            its role is not enough, or it is not for this machine
      ├─ StorageTooNew         the database was written by a newer thermap
      └─ ServiceStopping           the service was told to end, and takes nothing on any more
 
@@ -114,6 +117,24 @@ class QueueFull(ThermapError):
 
 class MachineQueueFull(QueueFull):
     """As many analyses of one machine wait as may."""
+
+
+class AccessRefused(ThermapError):
+    """A request may not do what it asks for."""
+
+
+class KeyUnknown(AccessRefused):
+    """The key that was stated is none, or none any more."""
+
+    def __init__(self, got: str = "one that is unknown, revoked or too old") -> None:
+        super().__init__(
+            f"expected a key in the header Authorization: Bearer KEY, got {got}; "
+            "`thermap keys create` makes one"
+        )
+
+
+class NotAllowed(AccessRefused):
+    """The key's role is not enough, or it is not for this machine."""
 
 
 class StorageTooNew(ThermapError):

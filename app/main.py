@@ -56,7 +56,7 @@ from app.connections.config import ConnectionsFile, read_connections
 from app.connections.reports import ConnectionReports
 from app.connections.running import Connections
 from app.connections.serving_tables import expect_servable, serving_tables
-from app.services.access_keys import KeyRing
+from app.services.access_keys import KeyFollower, KeyRing
 from app.services.context import Context, QueueLimits
 from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
@@ -130,10 +130,11 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     expect_servable(settings.opcua_endpoint, stated.opcua_server, insecure=settings.insecure)
     context, upgraded = _open_database(settings)
     # The context as it is then: whoever makes the service may give it another clock.
-    ring = KeyRing(lambda: service.state.context, settings.refresh_s)
-    follower = DatabaseFollower(
-        context, settings.refresh_s, ring.refresh if settings.asks_for_keys else lambda: None
-    )
+    ring = KeyRing(lambda: service.state.context)
+    if settings.asks_for_keys:
+        context.database.on_keys_changed = ring.refresh
+    keys_follower = KeyFollower(ring, settings.refresh_s)
+    follower = DatabaseFollower(context, settings.refresh_s, context.database.on_keys_changed)
     runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
     judge = LateJudge(context)
@@ -144,6 +145,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     @asynccontextmanager
     async def lifespan(_app: object) -> AsyncIterator[None]:
         sys.setswitchinterval(min(SWITCH_S, sys.getswitchinterval()))
+        if settings.asks_for_keys:
+            await run_in_threadpool(ring.refresh)  # who asks first has a key, too
+            keys_follower.start()
         follower.start()
         runner.start()
         alarms.start()
@@ -164,6 +168,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
                 run_in_threadpool(keeper.stop, STOP_S),
                 run_in_threadpool(judge.stop, STOP_S),
                 run_in_threadpool(alarms.stop, STOP_S),
+                run_in_threadpool(keys_follower.stop, STOP_S),
             )
             await run_in_threadpool(runner.stop, STOP_S)
             await run_in_threadpool(follower.stop, STOP_S)
@@ -235,9 +240,7 @@ def _set_state(
         lambda: service.state.context,
         _name_of_process(settings) if is_postgresql(settings.database_url) else None,
     )
-    service.state.access = AccessControl(
-        ring, is_on=settings.asks_for_keys, workers=settings.workers
-    )
+    service.state.access = AccessControl(ring, is_on=settings.asks_for_keys)
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
     service.state.forwarded_allow_ips = list(settings.forwarded_allow_ips)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
+from ipaddress import IPv6Address, ip_address
 from typing import Final
 
 AT_MOST: Final = 10
@@ -10,25 +11,23 @@ AT_MOST: Final = 10
 
 WITHIN_S: Final = 60.0
 
-_ADDRESSES: Final = 10_000
+MOST_ADDRESSES: Final = 10_000
 """Addresses that are remembered: who comes from very many cannot fill the memory."""
+
+_NETWORK_BITS: Final = 64
+"""Of an IPv6 address: whoever has one has all that begin like it."""
 
 
 class Failures:
     """Wrong keys, by the address that they came from.
 
-    A right key is always taken: who guesses behind the same proxy locks nobody out.
-
-    Parameters
-    ----------
-    sharers
-        So many processes of one host count for themselves, and whoever asks is answered by any of
-        them: each allows its share, and one at least.
+    They are no protection against guessing, which 256 bits by chance do not need: a right key is
+    always taken, so that who sends wrong ones from behind the same proxy locks nobody out. They
+    keep a program that states an old key from asking without a pause.
     """
 
-    def __init__(self, sharers: int = 1) -> None:
-        self._at_most = max(1, AT_MOST // sharers)
-        self._found: OrderedDict[str, tuple[float, int]] = OrderedDict()
+    def __init__(self) -> None:
+        self._times_s: OrderedDict[str, deque[float]] = OrderedDict()
 
     def count(self, address: str, now_s: float) -> float:
         """Count one, and say how long the address has to wait [s]: 0 while it need not.
@@ -38,11 +37,30 @@ class Failures:
         now_s
             Of a clock that only goes forward [s].
         """
-        began_s, number = self._found.get(address, (now_s, 0))
-        if now_s - began_s >= WITHIN_S:
-            began_s, number = now_s, 0
-        self._found[address] = (began_s, number + 1)
-        self._found.move_to_end(address)
-        if len(self._found) > _ADDRESSES:
-            self._found.popitem(last=False)
-        return began_s + WITHIN_S - now_s if number >= self._at_most else 0.0
+        source = source_of(address)
+        times_s = self._times_s.setdefault(source, deque(maxlen=AT_MOST))
+        self._times_s.move_to_end(source)
+        if len(self._times_s) > MOST_ADDRESSES:
+            self._times_s.popitem(last=False)
+        if len(times_s) == AT_MOST and now_s - times_s[0] < WITHIN_S:
+            return times_s[0] + WITHIN_S - now_s
+        times_s.append(now_s)
+        return 0.0
+
+
+def source_of(address: str) -> str:
+    """Give what is counted as one address: of IPv6 the network that one subscriber has.
+
+    >>> source_of("2001:db8:1:2:3:4:5:6"), source_of("192.0.2.7"), source_of("")
+    ('2001:db8:1:2::', '192.0.2.7', '')
+    """
+    try:
+        found = ip_address(address)
+    except ValueError:
+        return address
+    if not isinstance(found, IPv6Address):
+        return address
+    if found.ipv4_mapped is not None:
+        return str(found.ipv4_mapped)
+    host_bits = found.max_prefixlen - _NETWORK_BITS
+    return str(IPv6Address(int(found) >> host_bits << host_bits))

@@ -6,7 +6,6 @@ import hashlib
 import re
 import secrets
 from collections.abc import Mapping
-from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -64,10 +63,6 @@ class AccessKey(Answer):
     last_used_at: datetime | None
     """When it was used last, to the minute; null before its first use"""
 
-    def may(self, needed: Role, machine_id: str | None = None) -> bool:
-        """Whether it may do what a role is for, on this machine where it is about one."""
-        return self.role.includes(needed) and (machine_id is None or self.sees(machine_id))
-
     def sees(self, machine_id: str) -> bool:
         """Whether it is for this machine."""
         return self.machines is None or machine_id in self.machines
@@ -81,16 +76,6 @@ class NewAccessKey(Answer):
     """The key as it is listed from now on"""
     secret: str
     """What its holder states as `Authorization: Bearer …`; it is stored nowhere"""
-
-
-asking: ContextVar[AccessKey | None] = ContextVar("asking", default=None)
-"""The key of the request that is answered; None where none is asked for."""
-
-
-def may_write() -> bool:
-    """Whether who asks may change anything, so that a page offers nobody what is refused him."""
-    key = asking.get()
-    return key is None or key.role.includes(Role.METROLOGIST)
 
 
 def new_secret() -> str:

@@ -6,7 +6,6 @@ is not named here is for viewers where it reads, and for metrologists where it m
 
 from __future__ import annotations
 
-import asyncio
 import math
 import re
 from collections.abc import Callable
@@ -15,17 +14,26 @@ from typing import Final
 from urllib.parse import quote
 
 from fastapi import Request
-from starlette.concurrency import run_in_threadpool
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Scope
 
-from app.access.failures import Failures
-from app.access.keys import AccessKey, Role, asking
-from app.api.error_responses import problem, problem_for
+from app.access.authorization import Authorization, Requirement, asking
+from app.access.failures import Failures, source_of
+from app.access.keys import Role, digest_of
+from app.api.error_responses import problem, problem_for, problem_of
 from app.api.gate import SAFE_METHODS
 from app.api.pages import wants_page
+from app.api.turns import SharedQuestion
+from app.errors import AccessRefused, KeyUnknown, NotAllowed
 from app.events.event import LONGEST_NAME, acting
 from app.services.access_keys import KeyRing
+from app.storage.access_keys import StoredKey
+
+LOOK_AGAIN_S: Final = 0.1
+"""Who states an unknown key lets the database be asked again no sooner than after so long [s]."""
+
+LOOK_AGAIN_PATIENCE_S: Final = 4.0
+"""How long who states an unknown key waits for the database [s]."""
 
 _LONGEST_AGENT: Final = 40
 _BROWSERS: Final = (
@@ -89,6 +97,14 @@ def machine_of(path: str) -> str | None:
     return None if found is None else found[1]
 
 
+def requirement_of(method: str, path: str) -> Requirement | None:
+    """Say what a request needs of a key; None for what is open to all."""
+    role = role_needed(method, path)
+    if role is None:
+        return None
+    return Requirement(role, machine_of(path), _ALL_MACHINES.fullmatch(path) is not None)
+
+
 class AccessControl:
     """Refuses who has no key, or not the right one.
 
@@ -98,75 +114,86 @@ class AccessControl:
         The keys in memory.
     is_on
         Whether keys are asked for at all.
-    workers
-        Processes of this host that answer side by side.
     """
 
-    def __init__(self, ring: KeyRing, *, is_on: bool, workers: int = 1) -> None:
+    def __init__(self, ring: KeyRing, *, is_on: bool) -> None:
         self.ring = ring
         self.is_on = is_on
-        self.failures = Failures(workers)
-        self._asking = asyncio.Lock()
-        self._following: asyncio.Task[None] | None = None
+        self._failures = Failures()
+        self._looking_again = SharedQuestion(ring.refresh, LOOK_AGAIN_PATIENCE_S)
 
     async def refusal(self, scope: Scope) -> Response | None:
         """Give the answer to a request that is refused, None for one that is answered.
 
-        Its key is left in the request's state.
+        What it was let in by is left in `asking`, and in the request's state.
         """
-        needed = role_needed(scope["method"], scope["path"])
-        if not self.is_on or needed is None:
+        requirement = requirement_of(scope["method"], scope["path"])
+        if not self.is_on or requirement is None:
             return None
         if _CONTROL.search(scope["path"]):
             # Routes match a path that ends with a newline; what is said here of paths does not.
             return problem(400, "Bad request", "expected a path without control characters")
         secret = stated_secret(scope)
-        key = None if secret is None else await self.find(secret)
-        if key is None:
+        stored = None if secret is None else await self.find(secret)
+        if secret is None or stored is None:
             return self._unknown(scope, secret)
-        if needed is not Role.SENSOR and key.role is Role.SENSOR:
-            return _forbidden(scope, f"the key {key.name!r} is for sending readings only")
-        if not key.role.includes(needed):
-            return _forbidden(scope, f"expected a key of the role {needed}, got one of {key.role}")
-        machine = machine_of(scope["path"])
-        if machine is not None and not key.sees(machine):
-            return _forbidden(
-                scope, f"the key {key.name!r} is not for the machine {machine[:80]!r}"
-            )
-        if key.machines is not None and _ALL_MACHINES.fullmatch(scope["path"]):
-            return _forbidden(scope, "expected a key for all machines, got one for some")
-        scope.setdefault("state", {})["access_key"] = key
-        scope["state"]["access_secret"] = secret
-        asking.set(key)
+        authorization = Authorization(
+            digest_of(secret), stored.key, requirement, stored.expires_at, self.ring.now
+        )
+        try:
+            requirement.check(stored.key)
+            self.confirm(authorization)
+        except AccessRefused as error:
+            return problem_of(scope, error)
+        scope.setdefault("state", {})["authorization"] = authorization
+        asking.set(authorization)
         return None
 
-    async def find(self, secret: str) -> AccessKey | None:
-        """Find a key: who has one does not wait for the database, however slow it is.
+    async def find(self, secret: str) -> StoredKey | None:
+        """Find a key in memory: who has one does not wait for the database, however slow it is.
 
-        Memory follows it beside the requests. Who states what is not known yet waits: it may
-        have been made just now.
+        Who states what is not known waits until memory has looked again, as the key may have been
+        made just now: all of them together, and not very often.
         """
-        key = self.ring.find(secret)
-        if key is None:
-            await self._ask_again()
-            return self.ring.find(secret)
-        if self.ring.is_due and (self._following is None or self._following.done()):
-            self._following = asyncio.create_task(self._ask_again())
-        return key
+        digest = digest_of(secret)
+        stored = self.ring.find(digest)
+        if stored is None and monotonic() - self.ring.asked_s >= LOOK_AGAIN_S:
+            await self._looking_again.answer()
+            stored = self.ring.find(digest)
+        return stored
 
-    async def _ask_again(self) -> None:
-        """Let memory follow the database where that is due."""
-        async with self._asking:
-            if not self.ring.is_known or self.ring.is_due:
-                await run_in_threadpool(self.ring.refresh)
+    def confirm(self, authorization: Authorization) -> None:
+        """Look in memory whether a request may still do what it asks.
+
+        Raises
+        ------
+        AccessRefused, Conflict
+            If it may not.
+        """
+        stored = self.ring.find(authorization.digest)
+        authorization.confirm(None if stored is None else stored.key)
+        machine = authorization.requirement.machine
+        if stored is not None and machine is not None and not self.ring.sees(stored, machine):
+            raise NotAllowed(
+                f"the key {stored.key.name!r} is for an older machine {machine[:80]!r}, which was "
+                "deleted"
+            )
+
+    def confirm_request(self, scope: Scope) -> None:
+        """Do the same for a request that has waited, for its body for example."""
+        authorization: Authorization | None = scope.get("state", {}).get("authorization")
+        if authorization is not None:
+            self.confirm(authorization)
 
     def wait_s(self, scope: Scope) -> float:
         """Count a wrong key, and say how long its sender has to wait [s]."""
         client = scope.get("client")
-        return self.failures.count(client[0] if client else "", monotonic())
+        return self._failures.count(client[0] if client else "", monotonic())
 
     def _unknown(self, scope: Scope, secret: str | None) -> Response:
-        if secret is not None and not self.ring.is_known:
+        if secret is None:
+            return _to_login(scope) or problem_of(scope, KeyUnknown("none"))
+        if not self.ring.is_known:
             return problem_for(
                 scope,
                 503,
@@ -174,36 +201,69 @@ class AccessControl:
                 "the keys cannot be read, so nobody can be known",
                 headers={"Retry-After": "5"},
             )
-        if wants_page(scope):
-            query = scope["query_string"].decode("latin-1")
-            onward = scope["path"] + (f"?{query}" if query else "")
-            return RedirectResponse(f"{LOGIN}?next={quote(onward)}", status_code=303)
-        if secret is not None and (wait_s := self.wait_s(scope)) > 0.0:
-            return too_many(wait_s)
-        what = "none" if secret is None else "one that is unknown, revoked or too old"
-        return problem(
-            401,
-            "A key is needed",
-            f"expected a key in the header Authorization: Bearer KEY, got {what}; "
-            "`thermap keys create` makes one",
-            headers={"WWW-Authenticate": "Bearer"},
-        )
+        if (wait_s := self.wait_s(scope)) > 0.0:
+            return _too_many(scope, wait_s)
+        return _to_login(scope) or problem_of(scope, KeyUnknown())
+
+
+class Viewer:
+    """Who follows a stream: what may be sent, looked at anew for each event.
+
+    Parameters
+    ----------
+    authorization
+        By what the stream was let in; None where no key is asked for.
+    """
+
+    def __init__(self, control: AccessControl, authorization: Authorization | None) -> None:
+        self._control = control
+        self._authorization = authorization
+
+    def is_welcome(self) -> bool:
+        """Whether the key is still one, and may follow the stream."""
+        if self._authorization is None:
+            return True
+        stored = self._control.ring.find(self._authorization.digest)
+        try:
+            self._authorization.requirement.check(None if stored is None else stored.key)
+        except AccessRefused:
+            return False
+        return True
+
+    def sees(self, machine_id: str) -> bool:
+        """Whether what is about the machine that has this id now may be sent."""
+        if self._authorization is None:
+            return True
+        stored = self._control.ring.find(self._authorization.digest)
+        return stored is not None and self._control.ring.sees(stored, machine_id)
+
+    def sees_entry(self, machine_id: str | None, number: int) -> bool:
+        """Whether an entry of the event log may be sent, which has this number."""
+        if self._authorization is None:
+            return True
+        stored = self._control.ring.find(self._authorization.digest)
+        if stored is None or stored.key.machines is None:
+            return stored is not None
+        birth = stored.births.get(machine_id or "")
+        return birth is not None and number > birth.entries_after
 
 
 def holder_of(scope: Scope) -> str:
     """Name who is to have a fair share of what there is little of: a key, else an address."""
-    key: AccessKey | None = scope.get("state", {}).get("access_key")
+    authorization: Authorization | None = scope.get("state", {}).get("authorization")
     client = scope.get("client")
-    return f"key {key.name}" if key is not None else f"address {client[0] if client else ''}"
+    if authorization is not None:
+        return f"key {authorization.key.name}"
+    return f"address {source_of(client[0]) if client else ''}"
 
 
 def name_who_asks(scope: Scope) -> None:
     """Let what is written into the log name who asks, from here on."""
-    key: AccessKey | None = scope.get("state", {}).get("access_key")
+    authorization: Authorization | None = scope.get("state", {}).get("authorization")
     client = scope.get("client")
     agent = dict(scope["headers"]).get(b"user-agent", b"").decode("latin-1")
     program = program_name("".join(letter for letter in agent if letter.isprintable()))
-    whom = [key.name] if key is not None else []
+    whom = [] if authorization is None else [authorization.key.name]
     named = ", ".join([*whom, client[0] if client else "", program]).strip(", ")
     acting.set(named[:LONGEST_NAME] or "unknown")
 
@@ -221,27 +281,15 @@ def program_name(agent: str) -> str:
     return next((name for mark, name in _BROWSERS if f"{mark}/" in agent), "browser")
 
 
-def too_many(wait_s: float) -> Response:
-    """Write the answer to who has come with too many wrong keys."""
-    return problem(
-        429,
-        "Too many wrong keys",
-        f"wrong keys come too often from this address; try again in {math.ceil(wait_s)} s",
-        headers={"Retry-After": str(math.ceil(wait_s))},
-    )
-
-
 def sees(request: Request) -> Callable[[str], bool]:
     """Say of which machines the one who asks may be told."""
-    key: AccessKey | None = getattr(request.state, "access_key", None)
-    return (lambda _machine_id: True) if key is None else key.sees
+    authorization: Authorization | None = getattr(request.state, "authorization", None)
+    return (lambda _machine_id: True) if authorization is None else authorization.key.sees
 
 
-def stays_welcome(request: Request) -> Callable[[], bool]:
-    """Say, again and again, whether the key of a long answer is still one."""
-    control: AccessControl = request.app.state.access
-    secret: str | None = getattr(request.state, "access_secret", None)
-    return lambda: secret is None or control.ring.find(secret) is not None
+def viewer(request: Request) -> Viewer:
+    """Give who follows the stream that a request opens."""
+    return Viewer(request.app.state.access, getattr(request.state, "authorization", None))
 
 
 def stated_secret(scope: Scope) -> str | None:
@@ -269,5 +317,21 @@ def _session_of(cookies: str) -> str | None:
     return None
 
 
-def _forbidden(scope: Scope, detail: str) -> Response:
-    return problem_for(scope, 403, "Not allowed", detail)
+def _to_login(scope: Scope) -> Response | None:
+    """Lead a person's browser to the page that asks for a key; None for other programs."""
+    if not wants_page(scope):
+        return None
+    query = scope["query_string"].decode("latin-1")
+    onward = scope["path"] + (f"?{query}" if query else "")
+    return RedirectResponse(f"{LOGIN}?next={quote(onward)}", status_code=303)
+
+
+def _too_many(scope: Scope, wait_s: float) -> Response:
+    """Write the answer to who has come with too many wrong keys."""
+    return problem_for(
+        scope,
+        429,
+        "Too many wrong keys",
+        f"wrong keys come too often from this address; try again in {math.ceil(wait_s)} s",
+        headers={"Retry-After": str(math.ceil(wait_s))},
+    )

@@ -24,7 +24,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import Message
 
-from app.api.access import holder_of
+from app.api.access import AccessControl, holder_of
 from app.api.collector import uncollected
 from app.api.dependencies import refuse_unknown_query
 from app.api.field_errors import with_known_fields
@@ -174,7 +174,13 @@ def _without_body(handle: Handler) -> Handler:
 
 
 async def received(request: Request, most: int) -> bytes:
-    """Receive a body of at most so many bytes, or refuse it as soon as it is longer."""
+    """Receive a body of at most so many bytes, or refuse it as soon as it is longer.
+
+    Raises
+    ------
+    AccessRefused
+        If the key of the request was revoked while it came.
+    """
     stated = request.headers.get("content-length", "")
     too_large = HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")
     # A header of many digits must not cost time: twenty are more than any limit. What it states
@@ -191,6 +197,8 @@ async def received(request: Request, most: int) -> bytes:
         if len(got) > most:
             raise too_large
         more = message.get("more_body", False)
+    access: AccessControl = request.app.state.access
+    access.confirm_request(request.scope)  # the body may have been long on its way
     return bytes(got)
 
 

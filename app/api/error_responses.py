@@ -24,7 +24,9 @@ from app.errors import (
     Conflict,
     FieldError,
     InvalidContent,
+    KeyUnknown,
     MachineQueueFull,
+    NotAllowed,
     QueueFull,
     ServiceStopping,
     StorageBusy,
@@ -48,6 +50,8 @@ STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
     QueueFull: (503, "Too many analyses wait"),
     MachineQueueFull: (429, "Too many analyses of the machine wait"),
     ServiceStopping: (503, "The service ends"),
+    KeyUnknown: (401, "A key is needed"),
+    NotAllowed: (403, "Not allowed"),
 }
 """A kind of error, or the nearest above it, to its status and title."""
 
@@ -60,6 +64,12 @@ _TITLES = {
     413: "Too large",
     415: "Wrong type of content",
     503: "Too busy",
+}
+
+_AGAIN_LATER = {"Retry-After": "5"}
+_HEADERS = {
+    401: {"WWW-Authenticate": "Bearer"},
+    **dict.fromkeys((429, 503, 507), _AGAIN_LATER),
 }
 
 _LONGEST = 4000
@@ -120,7 +130,7 @@ def problem_for(
 def problem_of(scope: Scope, error: ThermapError) -> Response:
     """Write one of our errors as the answer to a request."""
     status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
-    headers = {"Retry-After": "5"} if status in (429, 503, 507) else None
+    headers = _HEADERS.get(status)
     detail = error.detail[:_LONGEST]
     return problem_for(scope, status, title, detail, error.errors[:_SHOWN], headers)
 

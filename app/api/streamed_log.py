@@ -21,6 +21,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 from pydantic import TypeAdapter
 from starlette.concurrency import run_in_threadpool
 
+from app.access.authorization import as_service
 from app.events.event import Event, EventKind
 from app.events.news import AnalysisNews, MissedEntries, WatchChange
 from app.services.context import Context
@@ -51,7 +52,8 @@ _WATCH: Final = TypeAdapter(WatchChange)
 _ANALYSIS: Final = TypeAdapter(AnalysisNews)
 _MISSED: Final = TypeAdapter(MissedEntries)
 
-Sees: TypeAlias = Callable[[str], bool]
+Sees: TypeAlias = Callable[[str | None, int], bool]
+"""Whether an entry may be sent, by its machine's id and its number."""
 
 
 class Entry(NamedTuple):
@@ -125,7 +127,8 @@ class StreamedLog:
                 return False
             context = self._context()
             asked_s, mark = time.monotonic(), context.database.log_mark
-            found = await run_in_threadpool(read_log_now, context, self.newest, KEPT)
+            with as_service():  # it is read for all who follow
+                found = await run_in_threadpool(read_log_now, context, self.newest, KEPT)
             self._asked_s = asked_s
             if found is None:
                 return False
@@ -143,13 +146,19 @@ class StreamedLog:
         return self._entries[place] if place < len(self._entries) else None
 
     async def count(
-        self, after: int, until: int, wants: Callable[[str | None, str], bool]
+        self, after: int, until: int, wants: Callable[[str | None, int, str], bool]
     ) -> int | None:
         """Count what somebody wants of the entries after one up to another; None: not known."""
-        counted = await run_in_threadpool(count_log, self._context(), after, until)
+        with as_service():
+            counted = await run_in_threadpool(count_log, self._context(), after, until)
         if counted is None:
             return None
-        return sum(n for (machine, kind), n in counted.items() if wants(machine, _name_of(kind)))
+        return sum(
+            count
+            for (machine, kind, is_present), count in counted.items()
+            # Of an older machine of the id: what a key for this one sees comes later than that.
+            if wants(machine, until if is_present else 0, _name_of(kind))
+        )
 
     def _take(self, found: LogNow, read_s: float) -> bool:
         tail = found.tail
@@ -188,7 +197,7 @@ class LogFollower:
     kinds
         Names of the events that it wants, of `NEWS`; without any of them nothing is sent.
     sees
-        Whose events it may have; "" stands for what is about no machine.
+        Which entries it may have.
     machine_id
         Whose events it wants; None for all.
     last
@@ -238,7 +247,7 @@ class LogFollower:
                 return self._missed(count)
         while (entry := self._log.next_after(self.cursor)) is not None:
             self.cursor = entry.number
-            if self._wants(entry.machine, entry.name):
+            if self._wants(entry.machine, entry.number, entry.name):
                 return News(entry.machine or "", entry.name, entry.content)
         self.cursor = max(self.cursor, self._log.newest)
         return self._progress()
@@ -247,8 +256,8 @@ class LogFollower:
         newest = self._log.newest
         return newest is not None and self.cursor is not None and self.cursor > newest
 
-    def _wants(self, machine: str | None, name: str) -> bool:
-        if name not in self._kinds or not self._sees(machine or ""):
+    def _wants(self, machine: str | None, number: int, name: str) -> bool:
+        if name not in self._kinds or not self._sees(machine, number):
             return False
         return self._machine_id is None or machine == self._machine_id
 
@@ -258,8 +267,9 @@ class LogFollower:
         if not running:
             self._running.clear()
             return None
+        now = self._log.newest or 0
         for machine, one in running.items():
-            if self._wants(machine, "analysis") and self._running.get(machine) is not one:
+            if self._wants(machine, now, "analysis") and self._running.get(machine) is not one:
                 self._running[machine] = one
                 return News(machine, "analysis", one.content)
         return None

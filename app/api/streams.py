@@ -15,13 +15,14 @@ import time
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Sequence
 from contextlib import aclosing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
+from app.access.authorization import as_service
 from app.api.rounding import DECIMALS
-from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, Sees, StreamedLog
+from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, StreamedLog
 from app.api.streamed_table import Feed, Table, judge_anew, remember, write_step, write_table
 from app.api.table_json import current_table_json
 from app.compensation.table_steps import Curves, have_same_layout, largest_change, step_towards
@@ -45,6 +46,9 @@ ASK_EVERY_S: Final = 2.0
 
 HEARTBEAT_S: Final = 15.0
 """After so long without an event a comment says that the stream lives [s]."""
+
+CONFIRM_EVERY_S: Final = 1.0
+"""How often a stream looks whether its key is still one, where nothing is sent [s]."""
 
 STEP_S: Final = 1.0
 """Between the steps of a change that is larger than a follower takes at once [s]."""
@@ -98,6 +102,35 @@ class StreamEvent(NamedTuple):
     content: bytes = b""
 
 
+class Viewer(Protocol):
+    """Who follows: what may be sent now, which may be less than when the stream began."""
+
+    def is_welcome(self) -> bool:
+        """Whether the stream may go on."""
+
+    def sees(self, machine_id: str) -> bool:
+        """Whether what is about the machine of this id may be sent."""
+
+    def sees_entry(self, machine_id: str | None, number: int) -> bool:
+        """Whether the entry of the event log with this number may be sent."""
+
+
+class Everything:
+    """A viewer who may be sent all there is."""
+
+    def is_welcome(self) -> bool:
+        """Say that the stream may go on."""
+        return True
+
+    def sees(self, machine_id: str) -> bool:
+        """Say that it may be sent."""
+        return True
+
+    def sees_entry(self, machine_id: str | None, number: int) -> bool:
+        """Say that it may be sent."""
+        return True
+
+
 class TableStreams:
     """The machines that are followed, and who follows them."""
 
@@ -121,12 +154,9 @@ class TableStreams:
         self._wake_all()
 
     async def follow(
-        self,
-        machine_id: str | None,
-        wanted: Wanted,
-        sees: Callable[[str], bool] = lambda _machine_id: True,
+        self, machine_id: str | None, wanted: Wanted, viewer: Viewer | None = None
     ) -> AsyncIterator[bytes]:
-        """Send what changes of one machine, or of all that it sees, until follower or machine goes.
+        """Send what changes of one machine, or of all, until follower, key or machine goes.
 
         Yields
         ------
@@ -137,7 +167,8 @@ class TableStreams:
         heartbeat = format_sse_event(comment="heartbeat")
         if wanted.heartbeat_s is not None:
             heartbeat = format_sse_event(event="heartbeat", data_str="{}")
-        async with aclosing(self._events(machine_id, wanted, sees)) as events:
+        who = viewer or Everything()
+        async with aclosing(self._events(machine_id, wanted, who)) as events:
             async for one in events:
                 yield heartbeat if one is None else _written(one)
 
@@ -146,13 +177,13 @@ class TableStreams:
     ) -> AsyncGenerator[TableEvent, None]:
         """Give what changes of all machines to those who do not ask over HTTP."""
         wanted = Wanted(min_change, max_step)
-        async with aclosing(self._events(None, wanted, lambda _machine_id: True)) as events:
+        async with aclosing(self._events(None, wanted, Everything())) as events:
             async for one in events:
                 if one is not None:
                     yield TableEvent(one.machine, one.name, one.content)
 
     async def _events(
-        self, machine_id: str | None, wanted: Wanted, sees: Sees
+        self, machine_id: str | None, wanted: Wanted, viewer: Viewer
     ) -> AsyncGenerator[StreamEvent | None, None]:
         """Give each event; None for a heartbeat."""
         if self._looking is None or self._looking.done():
@@ -160,7 +191,9 @@ class TableStreams:
         log_wanted = bool(wanted.kinds & NEWS)
         with self._following(machine_id), self._log.following() if log_wanted else nullcontext():
             self._look_at(self._machines(machine_id))
-            entries = LogFollower(self._log, wanted.kinds, sees, machine_id, wanted.last_entry)
+            entries = LogFollower(
+                self._log, wanted.kinds, viewer.sees_entry, machine_id, wanted.last_entry
+            )
             at = Place(wanted.last_number or 0, entries if log_wanted else None)
             if log_wanted:
                 await entries.begin()
@@ -171,10 +204,10 @@ class TableStreams:
             heartbeat_s = wanted.heartbeat_s or HEARTBEAT_S
             followers: dict[str, Follower] = {}
             sent_s = time.monotonic()
-            while True:
+            while viewer.is_welcome():
                 news = self._news
                 now_s = time.monotonic()
-                feeds = [f for f in self._followed_feeds(machine_id) if sees(f.machine_id)]
+                feeds = [f for f in self._followed_feeds(machine_id) if viewer.sees(f.machine_id)]
                 for feed in feeds:
                     follower = followers.setdefault(feed.machine_id, Follower(wanted, feed))
                     for name, at.table, content in follower.due(feed, now_s, self._next_number):
@@ -196,6 +229,7 @@ class TableStreams:
                     yield None
                 steps = any(follower.is_stepping for follower in followers.values())
                 wait_s = STEP_S / 4 if steps else sent_s + heartbeat_s - now_s
+                wait_s = min(wait_s, CONFIRM_EVERY_S)
                 try:
                     await asyncio.wait_for(news.wait(), wait_s)
                 except TimeoutError:
@@ -209,7 +243,8 @@ class TableStreams:
         else:
             self._followed[machine_id] = self._followed.get(machine_id, 0) + 1
         if self._looking is None or self._looking.done():
-            self._looking = asyncio.create_task(self._look())
+            with as_service():  # it looks for all who follow
+                self._looking = asyncio.create_task(self._look())
         try:
             yield
         finally:
@@ -236,10 +271,11 @@ class TableStreams:
                 log.exception("could not look at the machines that are followed")
 
     async def _ask(self) -> None:
-        """Ask the database for watches and analyses."""
+        """Ask the database for watches and analyses, for all who follow."""
         self._asked_s = time.monotonic()
         self._log_mark = self._context().database.log_mark
-        self._stored = await run_in_threadpool(stored_of_machines, self._context())
+        with as_service():
+            self._stored = await run_in_threadpool(stored_of_machines, self._context())
 
     async def _read_log(self, now_s: float) -> bool:
         """Read the log where that is due; True where something is new."""

@@ -16,6 +16,7 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import Request
 
+from app.access.authorization import as_service
 from app.errors import ServiceStopping, StorageBusy
 
 Answer = TypeVar("Answer")
@@ -122,9 +123,10 @@ class SharedQuestion(Generic[Answer]):
     async def answer(self) -> Answer | None:
         """Give the answer, None where it does not come in time."""
         if self._asking is None or self._asking.done():
-            self._asking = asyncio.create_task(
-                run_sync(self._ask, abandon_on_cancel=True, limiter=self._thread)
-            )
+            with as_service():  # it is asked for all of them
+                self._asking = asyncio.create_task(
+                    run_sync(self._ask, abandon_on_cancel=True, limiter=self._thread)
+                )
         # Whoever gives up or goes away must not cancel the question for the others.
         with anyio.move_on_after(self._patience_s):
             return await asyncio.shield(self._asking)

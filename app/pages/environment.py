@@ -9,7 +9,7 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.access.keys import asking, may_write
+from app.access.authorization import key_asking, may_write
 from app.errors import counted
 from app.pages.dashboard.navigation import MACHINE_PAGES
 from app.pages.dashboard.numbers import age, number, signed, with_unit
@@ -54,7 +54,7 @@ _ENVIRONMENT.filters |= {
 }
 
 
-_ENVIRONMENT.globals |= {"machine_pages": MACHINE_PAGES, "key": asking.get, "may_write": may_write}
+_ENVIRONMENT.globals |= {"machine_pages": MACHINE_PAGES, "key": key_asking, "may_write": may_write}
 _ENVIRONMENT.filters |= {
     "signed": signed,
     "number": number,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+import logging
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime, timedelta
 from threading import Lock
 from time import monotonic
@@ -10,6 +12,7 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.access.authorization import as_service
 from app.access.keys import (
     AccessKey,
     NewAccessKey,
@@ -20,23 +23,28 @@ from app.access.keys import (
 )
 from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
 from app.events.event import EventKind
+from app.services.background import Background
 from app.services.context import Context, repeated, utc_now
 from app.storage.access_keys import (
-    Known,
+    StoredKey,
     add_browser,
     add_key,
-    delete_browsers,
+    delete_browser,
     delete_key,
-    known_digests,
+    has_keys,
+    keys_by_digest,
     note_uses,
     stored_keys,
     turn_of_admins,
     unbind_machine,
+    unreadable_keys,
 )
 from app.storage.database import Database
 from app.storage.events import write_event
 from app.storage.limits import QUESTION
 from app.storage.machines import hold_machines, list_machines
+
+log = logging.getLogger("thermap")
 
 BROWSER_LASTS: Final = timedelta(days=30)
 """How long a browser need not be told the key again."""
@@ -118,9 +126,15 @@ def create_first_key(database: Database) -> str | None:
         The key itself; None where there are keys.
     """
     with database.reading() as session:
-        if stored_keys(session):
+        if has_keys(session):
             return None
     return create_key(database, FIRST_KEY, Role.ADMIN).secret
+
+
+def show_unreadable_keys(database: Database) -> list[str]:
+    """Name the keys that are none here, because this version cannot read what they are for."""
+    with database.reading() as session:
+        return unreadable_keys(session)
 
 
 def show_keys(database: Database) -> list[AccessKey]:
@@ -190,76 +204,125 @@ class KeyRing:
     ----------
     context
         Of the service as it is then.
-    every_s
-        How old what is known may be before the database is asked again [s].
     """
 
-    def __init__(self, context: Callable[[], Context], every_s: float) -> None:
+    def __init__(self, context: Callable[[], Context]) -> None:
         self._context = context
-        self._every_s = every_s
-        self._known: dict[str, Known] = {}
-        self._asked_s: float | None = None
+        self._stored: Mapping[str, StoredKey] = {}
+        self._unreadable: Sequence[str] = ()
+        self.asked_s = -math.inf
+        """When the database was asked last, of the clock that only goes forward [s]."""
         self.is_known = False
         """Whether the database has ever answered."""
         self._used: dict[int, datetime] = {}
         self._stored_uses: dict[int, datetime] = {}
         self._asking = Lock()
 
-    @property
-    def is_due(self) -> bool:
-        """Whether the database is to be asked again."""
-        return self._asked_s is None or monotonic() - self._asked_s >= self._every_s
+    def now(self) -> datetime:
+        """Read the service's clock."""
+        return self._context().now()
 
+    @as_service()
     def refresh(self) -> None:
-        """Ask the database which keys there are, and tell it which were used."""
+        """Ask the database which keys there are."""
         with self._asking:  # or an older answer could take the place of a newer one
-            self._asked_s = monotonic()
-            database = self._context().database
+            self.asked_s = monotonic()
             try:
-                with database.reading(QUESTION) as session:
-                    self._known = known_digests(session)
-                self.is_known = True
-                self._store_uses(database)
+                with self._context().database.reading(QUESTION) as session:
+                    self._stored = keys_by_digest(session)
+                    unreadable = unreadable_keys(session)
             except StorageUnavailable:
                 return
+            self.is_known = True
+        if unreadable != self._unreadable:
+            self._unreadable = unreadable
+            for name in unreadable:
+                log.warning("key %r is none here: a newer version wrote it, or somebody", name)
 
-    def find(self, secret: str) -> AccessKey | None:
-        """Find the key that a secret states, from memory."""
-        known = self._known.get(digest_of(secret))
-        now = self._context().now()
-        if known is None or (known.expires_at is not None and known.expires_at <= now):
+    def find(self, digest: str) -> StoredKey | None:
+        """Find what a digest is good for, from memory."""
+        stored = self._stored.get(digest)
+        now = self.now()
+        if stored is None or (stored.expires_at is not None and stored.expires_at <= now):
             return None
-        self._used[known.key.id] = now
-        return known.key
+        self._used[stored.key.id] = now
+        return stored
 
-    def open_browser(self, key: AccessKey) -> str:
-        """Make what a browser states from now on instead of a key."""
-        secret = new_secret()
-        context = self._context()
-        now = context.now()
-        end = now + BROWSER_LASTS
-        with self._asking:
-            with context.database.writing() as session:
-                add_browser(session, digest_of(secret), key.id, now, end)
-            self._known = self._known | {digest_of(secret): Known(key, end)}
-        return secret
+    def sees(self, stored: StoredKey, machine_id: str) -> bool:
+        """Whether a key is for the machine of this id that there is now.
+
+        A machine that was made anew under an old id is another one: a key for the older one may
+        still be in memory.
+        """
+        if not stored.key.sees(machine_id):
+            return False
+        live = self._context().live.get(machine_id)
+        if stored.key.machines is None or live is None:
+            return True
+        birth = stored.births.get(machine_id)
+        return birth is not None and birth.created_at == live.current.created_at
+
+    def open_browser(self, secret: str) -> str | None:
+        """Make what a browser states from now on instead of a key; None where that is none.
+
+        Of those of one key, and of all, the one that was opened first ends where there are too
+        many.
+        """
+        session_secret = new_secret()
+        now = self.now()
+        with self._context().database.writing() as session:
+            key = add_browser(
+                session, digest_of(secret), digest_of(session_secret), now, now + BROWSER_LASTS
+            )
+        return None if key is None else session_secret
 
     def close_browser(self, secret: str) -> None:
         """Forget a browser."""
-        with self._context().database.writing() as session:
-            delete_browsers(session, [digest_of(secret)])
-        self.refresh()
+        digest = digest_of(secret)
+        if digest in self._stored:
+            with self._context().database.writing() as session:
+                delete_browser(session, digest)
 
-    def _store_uses(self, database: Database) -> None:
-        stored = {known.key.id for known in self._known.values()}
+    def store_uses(self) -> None:
+        """Tell the database when keys were used last."""
+        there = {stored.key.id for stored in self._stored.values()}
         due = {
             number: time
-            for number, time in self._used.items()
-            if number in stored
+            for number, time in self._used.copy().items()
+            if number in there
             and time - self._stored_uses.get(number, datetime.min.replace(tzinfo=time.tzinfo))
             >= USE_NOTED_EVERY
         }
         if due:
-            with database.writing(QUESTION) as session:
+            with self._context().database.writing(QUESTION) as session:
                 note_uses(session, due)
             self._stored_uses |= due
+
+
+class KeyFollower(Background):
+    """Lets the keys in memory follow the database, by the clock alone.
+
+    Neither requests nor what other processes tell are needed for it: on PostgreSQL the connection
+    on which they tell may be cut, or dead without a word.
+
+    Parameters
+    ----------
+    every_s
+        How often the database is asked [s].
+    """
+
+    def __init__(self, ring: KeyRing, every_s: float) -> None:
+        super().__init__("key-follower")
+        self._ring = ring
+        self._every_s = every_s
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._ring.refresh()
+                self._ring.store_uses()
+            except StorageUnavailable as error:
+                log.info("when keys were used could not be stored: %s", error.detail)
+            except Exception:
+                log.exception("the keys could not follow the database")
+            self._stop.wait(self._every_s)

@@ -68,7 +68,7 @@ class DatabaseFollower(Background):
     every_s
         How often the database is asked whether it is there, and on SQLite what is new [s].
     refresh_keys
-        Called when keys may have changed.
+        Called when another process tells that keys have changed.
     """
 
     def __init__(
@@ -149,6 +149,9 @@ class DatabaseFollower(Background):
     def _follow_news(self, news: Collection[News]) -> None:
         """Look at what others told of alone."""
         live = self._context.live
+        if any(one.kind is NewsKind.KEYS for one in news):
+            # First: keys of a machine that was deleted are none for another one of its id.
+            self._refresh_keys()
         if any(one.kind is NewsKind.LOG for one in news):
             self._context.database.note_log_change()
         machines = {one.machine_id for one in news if one.kind is NewsKind.MACHINE}
@@ -166,8 +169,6 @@ class DatabaseFollower(Background):
             self._load(have, wanted)
             self._restore(one for id_ in touched if (one := live.get(id_)) is not None)
             self._unseen.mark_seen((one.number for one in fresh), self._context.now())
-        if any(one.kind is NewsKind.KEYS for one in news):
-            self._refresh_keys()
 
     def _pass_over_own(self) -> None:
         """Ask for nothing that this process stored itself: it is in memory already."""
@@ -238,7 +239,6 @@ class DatabaseFollower(Background):
             if now_s - whole_s >= EVERYTHING_S:
                 whole_s = asked_s = now_s
                 answered = self.look()
-                self._refresh_keys()
             elif now_s - asked_s >= self._every_s:
                 asked_s = now_s
                 answered = self._asking(listener.ping)

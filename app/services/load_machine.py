@@ -6,6 +6,7 @@ from datetime import timedelta
 
 from sqlalchemy.orm import Session
 
+from app.access.authorization import as_service
 from app.effects.effect import Effect, effect_from_json
 from app.errors import Conflict, UnknownThing
 from app.live.reading_window import MOST_AHEAD, kept_spacing_s
@@ -85,6 +86,7 @@ def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledM
         raise Conflict(f"model version {version.version}: {unknown.detail}") from None
 
 
+@as_service()
 def restore_past(context: Context, live: LiveMachine) -> None:
     """Restore a machine's readings, filters and states, where they are behind.
 

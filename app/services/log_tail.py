@@ -58,7 +58,7 @@ def read_log_now(context: Context, after: int | None, most: int) -> LogNow | Non
 
 def count_log(
     context: Context, after: int, until: int
-) -> Counter[tuple[str | None, EventKind]] | None:
+) -> Counter[tuple[str | None, EventKind, bool]] | None:
     """Count what was written after one entry up to another; None while nobody answers."""
     if context.live.database.trouble is not None:
         return None

@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from itertools import chain
 from operator import attrgetter, lt
@@ -14,7 +14,9 @@ from typing import Final
 
 from sqlalchemy.exc import IntegrityError
 
+from app.access.authorization import Authorization, as_service, asking
 from app.errors import (
+    AccessRefused,
     Conflict,
     FieldError,
     InvalidContent,
@@ -75,6 +77,7 @@ class ReadingBatch:
     machine_id: str
     readings: Sequence[Reading]
     outcome: StoreOutcome | None = None
+    asked_by: Authorization | None = field(default_factory=asking.get)
 
 
 def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
@@ -85,10 +88,13 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
 
     Readings that several want to have stored at the same time, of whatever machines, are stored
     in one transaction: a commit costs more than a hundred readings. What is wrong, or not plainly
-    new, or would have to wait, goes into a transaction of its own, and holds up nobody.
+    new, or would have to wait, goes into a transaction of its own, and holds up nobody. So does
+    what a browser's session sends.
 
     Raises
     ------
+    AccessRefused
+        If the key of the request may not do it by now.
     InvalidContent
         If a sensor is unknown, a unit mistaken, or a time too far in the future. A value
         out of its sensor's range is stored: it is the sensor's failure, and says so.
@@ -134,10 +140,11 @@ class _Together:
         """Store batches in one transaction; those that are left have no outcome."""
         self._written = {}
         try:
-            outcomes, self._written = _store_new(self._context, batches)
+            with as_service():  # each batch states who wants it
+                outcomes, self._written = _store_new(self._context, batches)
         except StorageOvertaken:
             raise  # it was tried often enough
-        except (_PartlyKnownError, _MachineChangedError, StorageBusy):
+        except (_PartlyKnownError, _MachineChangedError, StorageBusy, AccessRefused):
             return  # whoever met somebody else does so alone, and is told what is the matter
         for batch, outcome in outcomes.items():
             batch.outcome = outcome
@@ -163,6 +170,8 @@ def _store_new(
         If only a part of one is new: then nothing is stored.
     _MachineChangedError
         If a machine is not what it is in memory: then neither.
+    AccessRefused
+        If one of those who want it may not: then neither.
     """
     found = {b.machine_id: context.live.get(b.machine_id) for b in batches}
     machines = {m: live for m, live in found.items() if live is not None}
@@ -170,10 +179,11 @@ def _store_new(
     plain = _plainly_right(context.now(), current, batches)
     if not plain:
         return {}, {}
+    asked_by = [b.asked_by for parts in plain.values() for b in parts if b.asked_by is not None]
     wanted = {m: _in_order(chain.from_iterable(parts.values())) for m, parts in plain.items()}
     are_new = all(machines[m].has_none_from(once[0].time) for m, once in wanted.items())
     try:
-        with readings_inserted(context.database, wanted, are_new=are_new) as held:
+        with readings_inserted(context.database, wanted, asked_by, are_new=are_new) as held:
             if any(current[m].stamp != (row.created_at, row.revision) for m, row in held.items()):
                 raise _MachineChangedError
             stored = [
@@ -199,7 +209,10 @@ def _plainly_right(
     plain: dict[str, dict[ReadingBatch, Sequence[Reading]]] = defaultdict(dict)
     for batch in batches:
         known = current.get(batch.machine_id)
-        once = None if known is None else _as_stored(now, known.model.machine, batch.readings)
+        by_session = batch.asked_by is not None and batch.asked_by.expires_at is not None
+        if known is None or by_session:
+            continue
+        once = _as_stored(now, known.model.machine, batch.readings)
         if once and all(_are_apart(once, other) for other in plain[batch.machine_id].values()):
             plain[batch.machine_id][batch] = once
     return {machine_id: parts for machine_id, parts in plain.items() if parts}
@@ -257,6 +270,7 @@ def _store_alone(context: Context, machine_id: str, readings: Sequence[Reading])
     return _outcome(len(added.numbers), len(readings), once, context.usable_until())
 
 
+@as_service()
 def _follow(
     context: Context,
     machine_id: str,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from secrets import token_hex
 from threading import Lock
@@ -30,9 +30,10 @@ from app.errors import (
     StorageUnavailable,
 )
 from app.foreign_text import shown, without_secrets
+from app.storage.access_keys import confirm_authorization
 from app.storage.limits import UNLIMITED, Limits
 from app.storage.log_numbers import number_entries
-from app.storage.news import send_pending
+from app.storage.news import NewsKind, send_pending
 from app.storage.sqlite import SqliteConnections
 
 if TYPE_CHECKING:
@@ -57,7 +58,8 @@ class Database:
     On SQLite one writer of this process writes at a time, and takes the file's write lock
     at the beginning, so that writers queue instead of failing; on PostgreSQL the use cases
     lock the machine's row before anything else (`app.storage.machines.RowLock`). Nothing is
-    committed but by leaving `writing()` without an exception.
+    committed but by leaving `writing()` without an exception. Where a request is answered that
+    stated a key, both look at the end whether the key may still do that.
 
     Parameters
     ----------
@@ -85,13 +87,23 @@ class Database:
         """By which its own news are known."""
         self.log_mark = object()
         """Another one each time that the event log is known to have changed."""
+        self.on_keys_changed: Callable[[], None] = lambda: None
+        """Called after each commit of this process that changed keys or sessions, and before
+        anybody is told of it."""
 
     @contextmanager
     def reading(self, limits: Limits | None = None) -> Iterator[Session]:
-        """Open a session that changes nothing."""
+        """Open a session that changes nothing.
+
+        Raises
+        ------
+        AccessRefused
+            If the key of the request may not have it by now.
+        """
         engine = self._limited(limits)
         with _as_storage_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
+            confirm_authorization(session, held=False)
 
     @contextmanager
     def writing(self, limits: Limits | None = None) -> Iterator[Session]:
@@ -101,17 +113,22 @@ class Database:
         ------
         StorageOvertaken
             If it was rolled back because of another transaction: the same again may succeed.
+        AccessRefused
+            If the key of the request may not do it by now.
         """
         writer = self._limited(limits).execution_options(thermap_writes=True)
         with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
+                confirm_authorization(session, held=True)
                 log_changes = number_entries(session)
-                send_pending(session, self.sender)
+                told = send_pending(session, self.sender)
             if self._file is not None:
                 self._file.check()  # else it is committed to a file that nobody will find
             if log_changes:
                 self.note_log_change()
+        if NewsKind.KEYS in told:
+            self.on_keys_changed()
 
     def note_log_change(self) -> None:
         """Take note that the event log has changed, here or elsewhere."""

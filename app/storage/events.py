@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import delete, func, literal_column, select
+from sqlalchemy import delete, false, func, literal_column, or_, select
 from sqlalchemy.orm import Session
 
+from app.access.authorization import key_asking
 from app.events.event import PASSING, SERVICE, Event, EventKind, acting
 from app.status.judge import Logged
 from app.storage.log_numbers import note_entry
-from app.storage.tables import EventRow
+from app.storage.tables import EventRow, MachineRow
 
 COMES_AGAIN_WITHIN: Final = timedelta(minutes=10)
 """What comes again so soon after it went is the same row, counted."""
@@ -62,6 +63,8 @@ def begin_passing(
             EventRow.machine_id == machine_id,
             EventRow.kind == str(kind),
             EventRow.subject == subject,
+            # Not one of an older machine; what this transaction wrote has no number yet.
+            or_(EventRow.number.is_(None), EventRow.number > _entries_after(machine_id)),
         )
         .order_by(EventRow.id.desc())
         .limit(MOST_ALTERNATING)
@@ -178,17 +181,22 @@ def read_tail(session: Session, after: int | None, most: int) -> LogTail:
 
 def count_entries(
     session: Session, after: int, until: int
-) -> Counter[tuple[str | None, EventKind]]:
-    """Count the entries with numbers above one and up to another, by machine and kind."""
-    columns = (EventRow.machine_id, EventRow.kind)
+) -> Counter[tuple[str | None, EventKind, bool]]:
+    """Count the entries with numbers above one and up to another.
+
+    By machine, kind, and whether they are of the machine that has this id now.
+    """
+    is_present = func.coalesce(EventRow.number > MachineRow.entries_after, false())
+    columns = (EventRow.machine_id, EventRow.kind, is_present)
     query = (
         select(*columns, func.count())
+        .join(MachineRow, EventRow.machine_id == MachineRow.id, isouter=True)
         .where(EventRow.number > after, EventRow.number <= until)
         .group_by(*columns)
     )
-    counted: Counter[tuple[str | None, EventKind]] = Counter()
-    for machine_id, kind, count in session.execute(query):
-        counted[machine_id, EventKind(kind)] = count
+    counted: Counter[tuple[str | None, EventKind, bool]] = Counter()
+    for machine_id, kind, present, count in session.execute(query):
+        counted[machine_id, EventKind(kind), bool(present)] = count
     return counted
 
 
@@ -204,6 +212,8 @@ def list_events(
 ) -> list[Event]:
     """List events, the newest first.
 
+    A key for some machines is shown what happened to these, and nothing of older ones of their ids.
+
     Parameters
     ----------
     machine_id
@@ -216,6 +226,11 @@ def list_events(
     query = select(EventRow).order_by(EventRow.id.desc()).limit(limit)
     if machine_id is not None:
         query = query.where(EventRow.machine_id == machine_id)
+    key = key_asking()
+    if key is not None and key.machines is not None:
+        query = query.join(MachineRow, EventRow.machine_id == MachineRow.id).where(
+            MachineRow.id.in_(key.machines), EventRow.number > MachineRow.entries_after
+        )
     if since is not None:
         query = query.where(EventRow.time >= since)
     if until is not None:
@@ -225,6 +240,12 @@ def list_events(
     if before is not None:
         query = query.where(EventRow.id < before)
     return [_event(row) for row in session.scalars(query)]
+
+
+def _entries_after(machine_id: str) -> Any:
+    """Say where the log of the machine begins that has this id now."""
+    of_it = select(MachineRow.entries_after).where(MachineRow.id == machine_id)
+    return func.coalesce(of_it.scalar_subquery(), 0)
 
 
 def _lasting(machine_id: str, kind: EventKind) -> Any:

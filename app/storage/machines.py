@@ -15,7 +15,7 @@ from app.errors import UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.storage.news import NewsKind, tell
 from app.storage.records import StoredMachine
-from app.storage.tables import MachineRow
+from app.storage.tables import EventRow, MachineRow
 from app.thermal.machine import Machine, OutOfRange, SameTemperature, Sensor, Travel
 
 
@@ -42,7 +42,13 @@ class RowLock(Enum):
 
 def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredMachine:
     """Add a machine; one of the same id is an IntegrityError."""
-    row = MachineRow(id=machine.id, created_at=now, revision=1, active_version=None)
+    row = MachineRow(
+        id=machine.id,
+        created_at=now,
+        revision=1,
+        active_version=None,
+        entries_after=session.scalar(select(func.max(EventRow.number))) or 0,
+    )
     _write(row, machine)
     session.add(row)
     session.flush()

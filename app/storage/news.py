@@ -6,7 +6,7 @@ them looks into the database. So news that are lost, or come twice, do no harm.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -48,12 +48,19 @@ def tell(session: Session, kind: NewsKind, machine_id: str = "") -> None:
     session.info.setdefault(_PENDING, {})[News(kind, machine_id)] = None
 
 
-def send_pending(session: Session, sender: str) -> None:
-    """Hand what was noted to PostgreSQL, which tells it at the commit; nothing on SQLite."""
-    pending: Iterable[News] = session.info.pop(_PENDING, ())
+def send_pending(session: Session, sender: str) -> set[NewsKind]:
+    """Hand what was noted to PostgreSQL, which tells it at the commit; nothing on SQLite.
+
+    Returns
+    -------
+    set
+        What kinds of things changed, on both.
+    """
+    pending: Collection[News] = session.info.pop(_PENDING, ())
     payloads = [f"{news.kind} {sender} {news.machine_id}" for news in pending]
     if payloads and session.get_bind().dialect.name == "postgresql":
         session.execute(_SEND, {"channel": CHANNEL, "payloads": payloads})
+    return {news.kind for news in pending}
 
 
 def told_of(kind: NewsKind, sender: str) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
@@ -12,6 +12,8 @@ from sqlalchemy import delete, func, insert, literal, or_, select
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.orm import Session
 
+from app.access.authorization import Authorization
+from app.storage.access_keys import HOLD_KEYS, confirm_held, confirm_one
 from app.storage.database import MOMENT, Database
 from app.storage.machines import hold_machines
 from app.storage.news import NewsKind, tell, told_of
@@ -129,7 +131,11 @@ def insert_readings(
 
 @contextmanager
 def readings_inserted(
-    database: Database, readings: Mapping[str, Sequence[Reading]], *, are_new: bool = False
+    database: Database,
+    readings: Mapping[str, Sequence[Reading]],
+    asked_by: Collection[Authorization] = (),
+    *,
+    are_new: bool = False,
 ) -> Iterator[dict[str, HeldMachine]]:
     """Do the same for many machines in a transaction of its own, which waits for nobody long.
 
@@ -138,11 +144,15 @@ def readings_inserted(
 
     Parameters
     ----------
+    asked_by
+        Those who want it, by their keys.
     are_new
         Whether all of them should be new, as far as one knows.
 
     Raises
     ------
+    AccessRefused
+        If one of the keys may not do it any more: then nothing is added.
     sqlalchemy.exc.IntegrityError
         If one of those that should be new was there: then nothing is added.
     """
@@ -151,6 +161,8 @@ def readings_inserted(
         with database.writing(MOMENT) as session:
             rows = hold_machines(session, readings)
             added = insert_readings(session, {m: readings[m] for m in rows})
+            for authorization in asked_by:
+                confirm_one(session, authorization, held=True)
             yield {
                 m: HeldMachine(row.created_at, row.revision, row.withdrawals, added[m])
                 for m, row in rows.items()
@@ -161,6 +173,9 @@ def readings_inserted(
         held = connection.execute(
             _HOLD_AND_ADD_NEW if are_new else _HOLD_AND_ADD, stated
         ).fetchall()
+        if asked_by:
+            digests = {"digests": sorted({one.digest for one in asked_by})}
+            confirm_held(asked_by, connection.execute(HOLD_KEYS, digests))
         yield {
             m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))
             for m, born, revision, withdrawals, numbers, times, _ in held

@@ -93,7 +93,8 @@ class MachineRow(Base):
     `revision` counts every change of it that live tables follow, `withdrawals` how often
     readings were withdrawn: who holds readings in memory then reads them again.
     `waiting_version` is made of all that was stored, and is not active because its tables would
-    lose something.
+    lose something. What the event log has of its id up to the number `entries_after` is of an
+    older machine.
     """
 
     __tablename__ = "machine"
@@ -111,6 +112,7 @@ class MachineRow(Base):
     waiting_version: Mapped[int | None]
     revision: Mapped[int] = mapped_column(default=1)
     withdrawals: Mapped[int] = mapped_column(default=0, server_default=text("0"))
+    entries_after: Mapped[int] = mapped_column(BigInteger, default=0, server_default=text("0"))
     created_at: Mapped[datetime]
 
 
@@ -330,9 +332,13 @@ class WatchRow(Base):
 
 
 class AccessKeyRow(Base):
-    """A key: what it may do, and the digest by which it is known."""
+    """A key: what it may do, and the digest by which it is known.
+
+    No number is used again: a session belongs to its key's.
+    """
 
     __tablename__ = "access_key"
+    __table_args__ = ({"sqlite_autoincrement": True},)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(64), unique=True)

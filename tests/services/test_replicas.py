@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import make_url, text
 from sqlalchemy.exc import DBAPIError
 
-from app.access.keys import Role
+from app.access.keys import Role, digest_of
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.services import follow_database
@@ -183,14 +183,14 @@ async def test_a_key_that_is_revoked_elsewhere_opens_nothing_any_more(
 ):
     database = one_app.state.context.database
     made = create_key(database, "line-3", Role.VIEWER)
-    key, secret = made.key, made.secret
+    key, digest = made.key, digest_of(made.secret)
     service = new_app(shared_url, require_keys=True, refresh_s=3600.0)
     # As it is served: the ring that is told has to be the one that opens.
     with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
         until(lambda: listeners(shared_url) == 1)
-        until(lambda: service.state.access.ring.find(secret) == key)
+        until(lambda: service.state.access.ring.find(digest).key == key)
         revoke_key(database, "line-3")
-        until(lambda: service.state.access.ring.find(secret) is None)
+        until(lambda: service.state.access.ring.find(digest) is None)
 
 
 async def test_what_was_stored_while_nobody_could_be_told_is_seen_after_the_connection(

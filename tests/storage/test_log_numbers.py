@@ -125,4 +125,4 @@ def test_the_end_of_a_long_log_and_the_count_of_the_rest(database):
     assert ([n for n, _ in read.entries], read.after, read.newest) == ([6, 7, 8, 9, 10], 5, 10)
     assert (tail(database, 10).entries, tail(database, 10).newest) == ([], 10)
     with database.reading() as session:
-        assert count_entries(session, 2, 5) == {(None, EventKind.MACHINE): 3}
+        assert count_entries(session, 2, 5) == {(None, EventKind.MACHINE, False): 3}

@@ -21,7 +21,12 @@ FORMER = "869265db76ba"
 """The version before error maps had uncertainty."""
 
 ADDED = {"covariance", "backward_covariance"}
-NEW_SETTINGS = {"withdrawals": 0, "extrapolation_error_ratio": 3.0, "waiting_version": None}
+NEW_SETTINGS = {
+    "withdrawals": 0,
+    "extrapolation_error_ratio": 3.0,
+    "waiting_version": None,
+    "entries_after": 0,
+}
 """Columns of a machine that came after it, and what they hold then."""
 LATER = (
     *("verification", "analysis", "watch", "withdrawn_reading"),

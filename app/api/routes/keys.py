@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from starlette.exceptions import HTTPException
 
 from app.access.keys import AccessKey, NewAccessKey
@@ -16,7 +16,7 @@ from app.api.schemas.keys import KeyRequest
 from app.services.access_keys import create_key, revoke_key, show_keys
 
 
-async def expect_keys(request: Request) -> AccessControl:
+async def expect_keys(request: Request) -> None:
     """Let nobody make a key where nobody is asked for one.
 
     Who reaches an open service would else make an admin's key, and be let in by it when the
@@ -29,12 +29,10 @@ async def expect_keys(request: Request) -> AccessControl:
             "expected a service that asks for keys (`thermap serve --require-keys`), got one that "
             "answers everybody; `thermap keys` works on its database all the same",
         )
-    return control
 
 
-router = Router(route_class=BodyRoute, prefix="/v1/keys", tags=["keys"])
+router = Router(route_class=BodyRoute, read_first=expect_keys, prefix="/v1/keys", tags=["keys"])
 
-ControlDep = Annotated[AccessControl, Depends(expect_keys)]
 KeyPath = Annotated[str, Path(description="The key's name", examples=["line-3"])]
 LastAdminQuery = Annotated[
     bool,
@@ -48,18 +46,15 @@ _STORED_NOWHERE: Final[dict[str, str]] = {"Cache-Control": "no-store"}
 
 
 @router.get("", summary="List keys")
-def get_keys(_control: ControlDep, context: ContextDep) -> list[AccessKey]:
+def get_keys(context: ContextDep) -> list[AccessKey]:
     """List all keys by name: role, machines, last use. The keys themselves are stored nowhere."""
     return show_keys(context.database)
 
 
 @router.post("", status_code=201, summary="Make a key")
-def post_key(
-    control: ControlDep, context: ContextDep, body: KeyRequest, response: Response
-) -> NewAccessKey:
+def post_key(context: ContextDep, body: KeyRequest, response: Response) -> NewAccessKey:
     """Make a key; the answer's `secret` is shown this once, and stored nowhere."""
     made = create_key(context.database, body.name, body.role, body.machines, context.now)
-    control.ring.refresh()
     response.headers["Location"] = f"/v1/keys/{made.key.name}"
     response.headers.update(_STORED_NOWHERE)
     return made
@@ -67,11 +62,10 @@ def post_key(
 
 @router.delete("/{name}", status_code=204, summary="Revoke a key")
 def delete_key_route(
-    control: ControlDep, context: ContextDep, name: KeyPath, last_admin: LastAdminQuery = False
+    context: ContextDep, name: KeyPath, last_admin: LastAdminQuery = False
 ) -> None:
     """Let a key be none any more: streams opened with it end, browsers ask for another.
 
     An admin's last key is kept (409) unless `last_admin` says that it may go.
     """
     revoke_key(context.database, name, context.now, last_admin=last_admin)
-    control.ring.refresh()

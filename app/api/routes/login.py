@@ -26,6 +26,8 @@ _LONGEST_FORM: Final = 4096
 _MOST_FIELDS: Final = 8
 _HEADERS: Final = {"Cache-Control": "no-store"}
 
+_NO_KEY: Final = "This is no key, or no longer."
+
 NextQuery = Annotated[str, Query(max_length=1024)]
 
 
@@ -46,17 +48,20 @@ async def post_login(request: Request) -> Response:
     control: AccessControl = request.app.state.access
     form = await _form(request)
     onward = form.get("next", "/")
-    key = await control.find(form.get("key", "").strip())
-    if key is None:
+    secret = form.get("key", "").strip()
+    stored = await control.find(secret)
+    if stored is None:
         wait_s = control.wait_s(request.scope)
         if wait_s > 0.0:
             wait_s = math.ceil(wait_s)
             words = f"Wrong keys come too often from this address; try again in {wait_s} s."
             return _page(onward, words, 429, {"Retry-After": f"{wait_s}"})
-        return _page(onward, "This is no key, or no longer.", 403)
-    if not key.role.includes(Role.VIEWER):
-        return _page(onward, f"The key {key.name} is for sending readings only.", 403)
-    session = await run_in_threadpool(control.ring.open_browser, key)
+        return _page(onward, _NO_KEY, 403)
+    if not stored.key.role.includes(Role.VIEWER):
+        return _page(onward, f"The key {stored.key.name} is for sending readings only.", 403)
+    session = await run_in_threadpool(control.ring.open_browser, secret)
+    if session is None:
+        return _page(onward, _NO_KEY, 403)
     answer = RedirectResponse(_own(onward), status_code=303)
     answer.set_cookie(
         COOKIE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import Request, Response
 
-from app.api.access import AccessControl, sees
+from app.api.access import sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
@@ -49,12 +49,9 @@ def patch_machine(context: ContextDep, machine: MachinePath, body: MachinePatch)
 
 
 @router.delete("/{machine}", status_code=204, summary="Delete a machine")
-def delete_machine_route(request: Request, context: ContextDep, machine: MachinePath) -> None:
+def delete_machine_route(context: ContextDep, machine: MachinePath) -> None:
     """Delete a machine with all its maps, models and readings.
 
     Keys that were for it only are revoked; others that name it are for it no more.
     """
     delete_machine(context, machine)
-    control: AccessControl = request.app.state.access
-    if control.is_on:
-        control.ring.refresh()

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import Depends, Header, Query, Request
 from starlette.responses import Response, StreamingResponse
 
-from app.api.access import sees, stays_welcome
+from app.api.access import viewer
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.router import Router
@@ -142,7 +141,7 @@ async def get_table_stream(
 
     A follower that reads slowly gets the newest table, not all between. With `kind` it also gets
     what comes into the event log from now on: alarms, changes, what the watch says, analyses.
-    The stream ends when the machine is deleted or the service ends.
+    The stream ends when the machine is deleted, its key revoked, or the service ends.
     """
     await machine_with_readings(request, context, machine)
     return _stream(request, machine, wanted)
@@ -169,20 +168,8 @@ def _stream(request: Request, machine_id: str | None, wanted: Wanted) -> Respons
     if WITHOUT_BODY in request.scope:
         return Response(media_type=EVENTS, headers=_HEADERS)
     streams: TableStreams = request.app.state.streams
-    events = streams.follow(machine_id, wanted, sees(request))
-    return StreamingResponse(
-        while_welcome(events, stays_welcome(request)), media_type=EVENTS, headers=_HEADERS
-    )
-
-
-async def while_welcome(
-    events: AsyncIterator[bytes], is_welcome: Callable[[], bool]
-) -> AsyncIterator[bytes]:
-    """End with the key: within a heartbeat of its being revoked."""
-    async for event in events:
-        if not is_welcome():
-            return
-        yield event
+    events = streams.follow(machine_id, wanted, viewer(request))
+    return StreamingResponse(events, media_type=EVENTS, headers=_HEADERS)
 
 
 def _numbers(last_event_id: str) -> tuple[int | None, int | None]:

@@ -9,6 +9,7 @@ from typing import Final
 from fastapi import FastAPI
 from starlette.types import Message, Receive, Scope, Send
 
+from app.access.authorization import as_service
 from app.api.access import AccessControl, name_who_asks
 from app.api.error_responses import problem_of
 from app.api.gate import Gate
@@ -25,7 +26,7 @@ from app.api.short_way.plain import (
 )
 from app.api.short_way.readings import READINGS
 from app.api.short_way.tables import TABLES
-from app.errors import StorageUnavailable
+from app.errors import AccessRefused, StorageUnavailable
 
 JSON_HEADER: Final = (b"content-type", JSON.encode())
 
@@ -46,7 +47,8 @@ class ThermapService(FastAPI):
             return
         request = RequestLog(scope, send)
         try:
-            await self._answer(scope, receive, request.send)
+            with as_service():  # by what a request is let in is forgotten at its end
+                await self._answer(scope, receive, request.send)
         finally:
             request.end()
 
@@ -92,12 +94,14 @@ class ThermapService(FastAPI):
         send: Send,
     ) -> int | None:
         """Answer by a short way; say with which status, None where the ordinary one must."""
+        access: AccessControl = self.state.access
         try:
+            access.confirm_request(scope)
             answer = await short_way.answer(self.state.context, machine_id, body)
-        except StorageUnavailable as error:
-            away = problem_of(scope, error)
-            await away(scope, receive, send)
-            return away.status_code
+        except (AccessRefused, StorageUnavailable) as error:
+            refused = problem_of(scope, error)
+            await refused(scope, receive, send)
+            return refused.status_code
         if answer is None:
             return None
         await _send_answer(answer, send)
