@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -88,7 +89,8 @@ JointsOption = Annotated[
         "--joints",
         metavar="N,N,N",
         help="Numbers of the joints of X, Y and Z, of a lathe those of X and Z: of the linear axes "
-        "that the machine has.",
+        "that the machine has. Joints that move an axis together, as of a gantry, are joined by +: "
+        "0,1+2,3.",
         show_default="0,1,2 or 0,1",
     ),
 ]
@@ -139,8 +141,8 @@ def write_wiring(
     numbers = _joints(joints, len(nodes))
     if len(numbers) != len(nodes):
         raise typer.BadParameter(
-            f"expected a joint for each of {list_names([axis.upper() for axis in nodes])}, got "
-            f"{joints!r}",
+            f"expected a joint for each of {list_names([axis.upper() for axis in nodes])}, those "
+            f"of a gantry's axis joined by + (0,1+2,3), got {joints!r}",
             param_hint="--joints",
         )
     sensors = [sensor.name for sensor in stored.sensors]
@@ -150,7 +152,7 @@ def write_wiring(
         *("--url", url, "--rate", f"{rate:g}", "--period", f"{period:g}"),
         *("--every", f"{every:g}", "--limit", f"{limit:g}", "--units", _units(units)),
         *("--python", python),
-        *("--joints", ",".join(map(str, numbers))),
+        *("--joints", ",".join("+".join(map(str, of_axis)) for of_axis in numbers)),
         *(("--sensors", ",".join(sensors)) if sensors else ()),
     ]
     per_mm = 1.0 if units == "mm" else 1.0 / MM_PER_INCH
@@ -200,7 +202,7 @@ def follow(
         *("--every-s", str(every), "--period-s", str(period)),
         *("--rate-um-per-s", str(rate), "--limit-um", str(limit)),
         *(word for name in named for word in ("--sensor", name)),
-        *(word for number in _joints(joints) for word in ("--joint", str(number))),
+        *(word for number in chain(*_joints(joints)) for word in ("--joint", str(number))),
     ]
     try:
         # In its place, so that HAL waits for this process and ends it.
@@ -215,16 +217,19 @@ def _units(stated: str) -> str:
     return stated
 
 
-def _joints(stated: str | None, axes: int = len(AXES)) -> list[int]:
+def _joints(stated: str | None, axes: int = len(AXES)) -> list[list[int]]:
+    """Read the joints of each axis, as `0,1+2,3`."""
     if stated is None:
-        return list(range(axes))
-    words = [word.strip() for word in stated.split(",")]
+        return [[number] for number in range(axes)]
+    of_axes = [[word.strip() for word in axis.split("+")] for axis in stated.split(",")]
+    words = [*chain(*of_axes)]
     if len(set(words)) != len(words) or not all(map(_is_joint, words)):
         raise typer.BadParameter(
-            f"expected different joints, each 0 to {LAST_JOINT}, such as 0,1,2, got {stated!r}",
+            f"expected different joints, each 0 to {LAST_JOINT}, such as 0,1,2, or 0,1+2,3 where "
+            f"two move an axis together, got {stated!r}",
             param_hint="--joints",
         )
-    return [int(word) for word in words]
+    return [[int(word) for word in axis] for axis in of_axes]
 
 
 def _is_joint(word: str) -> bool:

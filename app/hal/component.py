@@ -12,6 +12,7 @@ import base64
 import json
 import math
 import os
+import re
 import signal
 import sys
 import time
@@ -50,6 +51,9 @@ LATE_S = 0.5
 
 LARGEST_ANSWER = 8 * 1024 * 1024
 """That the service may give [bytes]."""
+
+_NUMBER = re.compile(r"\b\d+(?:[.,]\d+)*\b")
+"""A number in a sentence, such as an age that grows; not the digits of a name."""
 
 
 class Service:
@@ -187,7 +191,8 @@ class Exchange(Thread):
             self._answers.append((table, time.monotonic()))
 
     def _say(self, sentence: str) -> None:
-        if sentence != self._said:
+        """Print a sentence, unless it is the last one again, be it with other numbers."""
+        if _NUMBER.sub("", sentence) != _NUMBER.sub("", self._said):
             _print(sentence)
         self._said = sentence
 
@@ -313,9 +318,9 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
     units_per_mm = 1.0 if stated.units == "mm" else 1.0 / MM_PER_INCH
     pins = Pins(hal, stated.sensor, units_per_mm)
     nodes = pins.nodes()
-    if len(nodes) != len(stated.joint):
+    if len(nodes) > len(stated.joint):
         raise SystemExit(
-            f"thermap: expected a joint for each of the axes that HAL has curves for "
+            f"thermap: expected a joint or more for each of the axes that HAL has curves for "
             f"({', '.join(nodes).upper()}), got {len(stated.joint)} joints"
         )
     most_um = stated.rate_um_per_s * stated.period_s

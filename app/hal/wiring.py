@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 
 from app.hal.curves import Nodes, curves_between
@@ -54,7 +54,7 @@ def sensor_pin(sensor: str) -> str:
 
 def wiring(
     nodes: Nodes,
-    joints: Mapping[str, int],
+    joints: Mapping[str, Sequence[int]],
     machine_units_per_mm: float,
     command: Iterable[str],
 ) -> str:
@@ -65,7 +65,7 @@ def wiring(
     nodes
         Axis to the positions of its curves' points [mm]; the axes that the machine has.
     joints
-        Axis to its joint's number.
+        Axis to the numbers of its joints; of a gantry several, which are moved alike.
     machine_units_per_mm
         1 for LINEAR_UNITS = mm, 1/25.4 for inch.
     command
@@ -86,17 +86,19 @@ def wiring(
     names = [curve_name(code) for code in curves]
     points = ",".join(str(len(nodes[along])) for _, along in curves.values())
     sums = [name for axis in nodes for name in _sums_of(axis, nodes)]
-    offsets = [f"{COMPONENT}-{axis}" for axis in nodes]
+    offsets = [name for axis in nodes for name in offset_names(axis, joints[axis])]
     lines = [
         "# The live compensation of thermap: motor = commanded + offset.",
         "# Load it after motmod, instead of the lines that join motor-pos-cmd and motor-pos-fb to",
         "# the drives; then join the drives:",
         *chain.from_iterable(
             (
-                f"#   net {axis}-motor {COMPONENT}-{axis}.out => (the drive's commanded position)",
-                f"#   net {axis}-feedback (the drive's position) => {COMPONENT}-{axis}.fb-in",
+                f"#   net {name.removeprefix(f'{COMPONENT}-')}-motor {name}.out => "
+                "(the drive's commanded position)",
+                f"#   net {name.removeprefix(f'{COMPONENT}-')}-feedback (the drive's position) "
+                f"=> {name}.fb-in",
             )
-            for axis in nodes
+            for name in offsets
         ),
         "# and the sensors, for example:",
         f"#   net column-temperature (a pin in °C) => {COMPONENT}.temperature.z-column",
@@ -127,22 +129,35 @@ def _sums_of(axis: str, nodes: Nodes) -> list[str]:
     return [f"{COMPONENT}-sum-{axis}{part}" for part in "ab"[: len(nodes) - 1]]
 
 
-def _nets_of(axis: str, joint: int, nodes: Nodes) -> list[str]:
-    """Join one axis: its position to the curves along it, and those that move it to its offset."""
+def offset_names(axis: str, joints: Sequence[int]) -> list[str]:
+    """Name the offset of each joint of an axis.
+
+    >>> offset_names("y", [1, 2])
+    ['thermap-y', 'thermap-y2']
+    """
+    return [f"{COMPONENT}-{axis}{number or ''}" for number in (0, *range(2, len(joints) + 1))]
+
+
+def _nets_of(axis: str, joints: Sequence[int], nodes: Nodes) -> list[str]:
+    """Join one axis: its position to the curves along it, and those that move it to its offsets."""
     curves = curves_between(nodes)
     along = [f"{curve_name(code)}.in" for code, (_, a) in curves.items() if a == axis]
     sum_so_far, *moving = (curve_name(code) for code, (m, _) in curves.items() if m == axis)
-    offset = f"{COMPONENT}-{axis}"
-    lines = [f"net {offset}-nominal joint.{joint}.pos-cmd => {' '.join(along)}"]
+    name = f"{COMPONENT}-{axis}"
+    offsets = offset_names(axis, joints)
+    # All joints of an axis are commanded to the same position; the first one's says where it is.
+    lines = [f"net {name}-nominal joint.{joints[0]}.pos-cmd => {' '.join(along)}"]
     for added, total in zip(moving, _sums_of(axis, nodes)):
         lines += [
             f"net {sum_so_far} {sum_so_far}.out => {total}.in0",
             f"net {added} {added}.out => {total}.in1",
         ]
         sum_so_far = total
-    return [
-        *lines,
-        f"net {offset}-offset {sum_so_far}.out => {offset}.offset",
-        f"net {offset}-commanded joint.{joint}.motor-pos-cmd => {offset}.in",
-        f"net {offset}-actual {offset}.fb-out => joint.{joint}.motor-pos-fb",
-    ]
+    to_offsets = " ".join(f"{offset}.offset" for offset in offsets)
+    lines.append(f"net {name}-offset {sum_so_far}.out => {to_offsets}")
+    for offset, joint in zip(offsets, joints):
+        lines += [
+            f"net {offset}-commanded joint.{joint}.motor-pos-cmd => {offset}.in",
+            f"net {offset}-actual {offset}.fb-out => joint.{joint}.motor-pos-fb",
+        ]
+    return lines

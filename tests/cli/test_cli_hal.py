@@ -103,6 +103,17 @@ def test_each_axis_has_a_joint(thermap, joints):
     assert "a joint for each of X, Y, Z" in " ".join(found.stderr.replace("│", "").split())
 
 
+def test_joints_of_a_gantry_are_joined(thermap):
+    found = thermap("hal", "wiring", "mcfv5050", "--joints", "0,1+2,3")
+    assert found.exit_code == 0
+    assert words_of(found.stdout, "net thermap-y2-commanded")[2] == "joint.2.motor-pos-cmd"
+    assert words_of(found.stdout, "net thermap-z-nominal")[2] == "joint.3.pos-cmd"
+    start = words_of(found.stdout, "loadusr")
+    assert start[start.index("--joints") + 1] == "0,1+2,3"
+    refused = thermap("hal", "wiring", "mcfv5050", "--joints", "0,1,2,3")
+    assert "joined by + (0,1+2,3)" in " ".join(refused.stderr.replace("│", "").split())
+
+
 def test_a_lathe_has_the_curves_of_its_two_axes(thermap, client):
     lathe = {
         "id": "lathe",

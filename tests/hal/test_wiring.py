@@ -6,11 +6,11 @@ from app.hal.curves import CURVES
 from app.hal.wiring import NotWired, sensor_pin, wiring
 
 NODES = {"x": (0.0, 254.0), "y": (0.0, 100.0, 200.0), "z": (-50.0, 0.0)}
-JOINTS = {"x": 0, "y": 2, "z": 1}
+JOINTS = {"x": [0], "y": [2], "z": [1]}
 
 
-def lines_of(*beginning, per_mm=1.0):
-    written = wiring(NODES, JOINTS, per_mm, ["python", "-m", "app"]).splitlines()
+def lines_of(*beginning, per_mm=1.0, joints=JOINTS):
+    written = wiring(NODES, joints, per_mm, ["python", "-m", "app"]).splitlines()
     return [line.split() for line in written if line.split()[: len(beginning)] == list(beginning)]
 
 
@@ -20,6 +20,23 @@ def test_every_curve_reads_its_axis_and_moves_its_axis():
     assert readers == ["thermap-exy.in", "thermap-eyy.in", "thermap-ezy.in"]
     moved = [line[-1] for line in lines_of("net") if line[2] in ("thermap-eyx.out",)]
     assert moved == ["thermap-sum-ya.in0"]
+
+
+def test_each_joint_of_a_gantry_is_moved_alike():
+    joints = {"x": [0], "y": [1, 2], "z": [3]}
+    (offset,) = lines_of("net", "thermap-y-offset", joints=joints)
+    assert offset[4:] == ["thermap-y.offset", "thermap-y2.offset"]
+    for name, joint in (("thermap-y", 1), ("thermap-y2", 2)):
+        (commanded,) = lines_of("net", f"{name}-commanded", joints=joints)
+        assert commanded[2:] == [f"joint.{joint}.motor-pos-cmd", "=>", f"{name}.in"]
+        (actual,) = lines_of("net", f"{name}-actual", joints=joints)
+        assert actual[2:] == [f"{name}.fb-out", "=>", f"joint.{joint}.motor-pos-fb"]
+        for half in ("update-feedback", "update-output"):
+            assert lines_of("addf", f"{name}.{half}", joints=joints)
+    assert "thermap-y2" in lines_of("loadrt", "offset", joints=joints)[0][2]
+    assert [line[2] for line in lines_of("net", "thermap-y-nominal", joints=joints)] == [
+        "joint.1.pos-cmd"
+    ]
 
 
 def test_feedback_comes_before_motion_and_the_offsets_after_their_sums():
