@@ -11,13 +11,19 @@ import numpy as np
 from app.controllers.curve import Curve, Difference, difference
 from app.controllers.error_table import ErrorTable, Range
 from app.controllers.export import wanted_of
-from app.controllers.format import Format, NotHeld, Options, Parsed
+from app.controllers.format import CHECK_FILE, Format, NotHeld, Options, Parsed
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 
 BOTH: Final = "both"
 MISSING: Final = "missing"
 UNKNOWN: Final = "unknown"
+
+UNNAMED: Final = (
+    "the files do not say of which machine they are; where thermap wrote them, give "
+    f"{CHECK_FILE} with them, which says it"
+)
+"""Warning where another machine's file would go unseen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +82,16 @@ def compare(controller: Format, table: ErrorTable, held: Parsed, options: Option
             _expect_overlap(curve, table)
         if curve is None and mine is None:
             continue
-        found.append(_compared(curve, mine, controller))
+        found.append(_compared(curve, mine))
     found.sort(key=lambda one: -abs(one.difference.largest))
-    return Comparison(found, wanted.not_held, [*table.warnings, *held.warnings])
+    unnamed = [] if held.machine else [UNNAMED]
+    return Comparison(found, wanted.not_held, [*table.warnings, *held.warnings, *unnamed])
 
 
-def _compared(held: Curve | None, wanted: Curve | None, controller: Format) -> Compared:
+def _compared(held: Curve | None, wanted: Curve | None) -> Compared:
     shown = wanted if wanted is not None else held
     assert shown is not None
     nothing = Curve(shown.component, shown.positions_mm, np.zeros(shown.errors.shape))
-    if wanted is not None and not controller.both_directions:
-        wanted = wanted.mean()
     state = BOTH if held and wanted else MISSING if wanted else UNKNOWN
     off = difference(held or nothing, wanted or nothing)
     return Compared(shown.code, shown.component.unit.symbol, state, off)

@@ -17,16 +17,15 @@ from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     ControllerFile,
     Format,
     Options,
     Parsed,
+    Reading,
     Rendered,
     Status,
-    add_curve,
-    parsed,
 )
+from app.controllers.heads import head
 from app.controllers.iso_names import (
     BY_ISO_NAME,
     DECIMALS,
@@ -34,8 +33,9 @@ from app.controllers.iso_names import (
     POSITION_DECIMALS,
     file_factor,
     iso_name,
+    why_not_held,
 )
-from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of, plain
+from app.controllers.lines import LARGEST_ERROR_MM, Line, lines_of, plain
 from app.geometry.components import Component
 
 TITLE: Final = "Etalon exchange format"
@@ -46,7 +46,7 @@ _LARGEST_RAD: Final = 0.1
 
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
-    lines = [f"// {x}" for x in head(table.origin, TITLE, Status.SOURCE.value, SIGN_WORDS["error"])]
+    lines = [f"// {x}" for x in head(table.origin, ETALON, options)]
     held = []
     for curve in table.curves.values():
         factor = file_factor(curve.component)
@@ -67,16 +67,17 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
 
 
 def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
-    curves: dict[str, Curve] = {}
+    reading = Reading("blocks such as [EXX]")
     for file in files:
-        for curve in _blocks(file):
-            add_curve(curves, curve, file.name)
-    return parsed(curves, files, "blocks such as [EXX]")
+        for curve in _blocks(file, reading):
+            reading.add(curve, file.name)
+    return reading.parsed(files)
 
 
-def _blocks(file: ControllerFile) -> list[Curve]:
+def _blocks(file: ControllerFile, reading: Reading) -> list[Curve]:
     found: list[Curve] = []
     component: Component | None = None
+    unread: str | None = None
     rows: list[tuple[float, float]] | None = None
     line = Line(file.name, 1, "")
     for line in lines_of(file.name, file.content, "//"):
@@ -87,7 +88,13 @@ def _blocks(file: ControllerFile) -> list[Curve]:
             else:
                 rows.append(_row(line, component, rows))
         elif (block := _BLOCK.fullmatch(line.text)) and component is None:
-            component = _named(line, block[1])
+            unread = why_not_held(block[1].upper())
+            if block[1].upper() in BY_ISO_NAME or unread is None:
+                component, unread = _named(line, block[1]), None
+            else:
+                reading.leave_aside(f"[{block[1]}] of {file.name}", unread)
+        elif unread is not None:
+            continue
         elif component is not None and component.is_table and _GRID.fullmatch(line.text):
             rows = []
         elif component is not None and not component.is_table:
@@ -163,7 +170,7 @@ ETALON: Final = Format(
     status=Status.SOURCE,
     holds=HELD,
     folds=False,
-    both_directions=False,
+    both_directions=(),
     options=Options,
     render=_render,
     parse=_parse,

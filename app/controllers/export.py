@@ -20,9 +20,10 @@ from app.controllers.format import (
     Options,
     ReferenceOptions,
 )
-from app.controllers.lines import LARGEST_ERROR_MM, fixed, head, plain
+from app.controllers.heads import head
+from app.controllers.lines import LARGEST_ERROR_MM, fixed, plain
 from app.errors import InvalidContent, list_names
-from app.geometry.components import COMPONENTS, Kind
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
 from app.units import UM_PER_MM
 
 NOTHING: Final = 0.0005
@@ -98,31 +99,70 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
         If a component is asked for that the table or the format does not have, or if nothing
         is left.
     """
-    source = table.folded() if controller.folds else table
-    asked = _asked(controller, source, options)
+    source, why_not = holdable(controller, table)
+    asked = _asked(source, why_not, options)
     curves = {code: curve for code, curve in source.curves.items() if code in asked}
     if not curves:
         raise InvalidContent.of_field(
             "controller",
             f"expected errors that {controller.title} can hold ({list_names(controller.holds)}), "
-            f"got {list_names(table.curves)}",
+            f"got {_reasons(why_not)}",
         )
-    why = f"{controller.title} has no table for it"
     rest = [
-        _left_out(table, code, why if code not in controller.holds else "not asked for")
+        _left_out(table, code, why_not.get(code, "not asked for"))
         for code in table.curves
         if code not in curves
         and code in table.sizes_um
         and not _is_folded(code, curves, controller)
     ]
-    for code, curve in curves.items():
-        largest = max(float(np.abs(errors).max()) for _, errors in curve.sides)
-        if code in TRANSLATIONS and largest > LARGEST_ERROR_MM * UM_PER_MM:
-            raise InvalidContent.of_field(
-                code, f"expected errors within ±{LARGEST_ERROR_MM:g} mm, got {largest:g} µm"
-            )
-    shifted, constants = _zero_at_reference(curves, options, controller)
-    return Wanted(replace(source, curves=shifted), [*rest, *constants])
+    halves = [
+        _half_left(controller, table, curve)
+        for code, curve in curves.items()
+        if code not in controller.both_directions and curve.largest_reversal > NOTHING
+    ]
+    held = {
+        code: curve if code in controller.both_directions else curve.mean()
+        for code, curve in curves.items()
+    }
+    shifted, constants = _zero_at_reference(held, options, controller)
+    return Wanted(replace(source, curves=shifted), [*rest, *halves, *constants])
+
+
+def holdable(controller: Format, table: ErrorTable) -> tuple[ErrorTable, dict[str, str]]:
+    """Take the errors that a controller can hold of a machine's, and say why not the others.
+
+    Returns
+    -------
+    ErrorTable
+        With squareness folded into straightness where the format has none.
+    dict
+        Code to the reason, of everything else.
+    """
+    source = table.folded() if controller.folds else table
+    why_not = {}
+    for code in {**source.curves, **table.curves}:
+        if absent := _absent_axes(COMPONENTS[code], table.origin.axes):
+            why_not[code] = f"the machine has no axis {list_names(absent)} that could move so"
+        elif code not in controller.holds:
+            why_not[code] = f"{controller.title} has no table for it"
+    curves = {code: curve for code, curve in source.curves.items() if code not in why_not}
+    return replace(source, curves=curves), why_not
+
+
+def _absent_axes(one: Component, axes: Sequence[str]) -> list[str]:
+    """List the linear axes that a component moves or depends on, and the machine lacks."""
+    linear = {letter for letter in (one.axis, one.direction, one.times) if letter is not None}
+    return [axis.upper() for axis in LINEAR_LETTERS if axis in linear - set(axes)]
+
+
+def _reasons(why_not: Mapping[str, str]) -> str:
+    return "; ".join(f"{code}: {why}" for code, why in why_not.items()) or "none"
+
+
+def _half_left(controller: Format, table: ErrorTable, curve: Curve) -> NotHeld:
+    half = table.reversals_um.get(curve.code, curve.largest_reversal / 2.0)
+    why = f"{controller.title} has one table for both directions: it has their mean, and "
+    return NotHeld(curve.code, half, why + "half of the reversal is left")
 
 
 def _left_out(table: ErrorTable, code: str, why: str) -> NotHeld:
@@ -132,16 +172,15 @@ def _left_out(table: ErrorTable, code: str, why: str) -> NotHeld:
     return NotHeld(code, table.sizes_um[code], why)
 
 
-def _asked(controller: Format, source: ErrorTable, options: Options) -> list[str]:
-    holds = [code for code in source.curves if code in controller.holds]
+def _asked(source: ErrorTable, why_not: Mapping[str, str], options: Options) -> list[str]:
     if options.components is None:
-        return holds
+        return list(source.curves)
     for i, code in enumerate(options.components):
-        if code not in holds:
-            missing = "no map of" if code not in source.curves else "a format without a table for"
+        if code not in source.curves:
             raise InvalidContent.of_field(
                 f"options.components.{i}",
-                f"expected some of {list_names(holds)}, got {code!r}: there is {missing} it",
+                f"expected some of {list_names(source.curves)}, got {code!r}: "
+                f"{why_not.get(code, 'there is no map of it')}",
             )
     return list(options.components)
 
@@ -161,8 +200,7 @@ def _zero_at_reference(
     found, constants = {}, []
     for code, curve in curves.items():
         at = options.reference_mm.get(str(curve.component.axis), 0.0)
-        written = curve if controller.both_directions else curve.mean()
-        here = float(written.at(np.array([at]), FORWARD)[0])
+        here = float(curve.at(np.array([at]), FORWARD)[0])
         found[code] = curve.shifted(-here)
         if abs(here) > NOTHING:
             constants.append(
@@ -200,17 +238,17 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
         As `wanted_of`; or if values are larger than the format takes.
     """
     wanted = wanted_of(controller, table, options)
-    rendered = controller.render(_in_directions(controller, wanted.table), options)
-    not_held = list(wanted.not_held)
-    resampled = []
+    rendered = controller.render(wanted.table, options)
     for held in rendered.held:
-        curve = wanted.table.curves[held.code]
-        if curve.largest_reversal > NOTHING and held.backward_errors is None:
-            half = table.reversals_um.get(held.code, curve.largest_reversal / 2.0)
-            curve = curve.mean()
-            why = f"{controller.title} has one table for both directions: it has their mean, and "
-            not_held.append(NotHeld(held.code, half, why + "half of the reversal is left"))
-        resampled.append(Resampled(held.code, held.component.unit.symbol, difference(held, curve)))
+        _expect_readable(held)
+    resampled = [
+        Resampled(
+            held.code,
+            held.component.unit.symbol,
+            difference(held, wanted.table.curves[held.code]),
+        )
+        for held in rendered.held
+    ]
     checks = [check for held in rendered.held for check in _checks(held, table)]
     warnings = [*table.warnings, *rendered.warnings]
     if controller.sign is None:
@@ -221,10 +259,10 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
             "Make one move of the check table before parts are made",
         )
     warnings += _counted_with_absent_axes(rendered.held, table, options)
-    files = [*rendered.files, _check_file(controller, table, options, checks, not_held)]
+    files = [*rendered.files, _check_file(controller, table, options, checks, wanted.not_held)]
     return Export(
         files=files,
-        not_held=sorted(not_held, key=lambda one: -one.largest),
+        not_held=sorted(wanted.not_held, key=lambda one: -one.largest),
         resampling=resampled,
         check=checks,
         warnings=warnings,
@@ -259,11 +297,14 @@ def _counted_with_absent_axes(
     ]
 
 
-def _in_directions(controller: Format, table: ErrorTable) -> ErrorTable:
-    """Take the mean of both directions where a format has one table for both."""
-    if controller.both_directions:
-        return table
-    return replace(table, curves={code: one.mean() for code, one in table.curves.items()})
+def _expect_readable(held: Curve) -> None:
+    """Refuse values that a reader of the file would take for something else than an error."""
+    largest = max(float(np.abs(errors).max()) for _, errors in held.sides)
+    if held.code in TRANSLATIONS and largest > LARGEST_ERROR_MM * UM_PER_MM:
+        raise InvalidContent.of_field(
+            held.code,
+            f"expected errors within ±{LARGEST_ERROR_MM:g} mm in the file, got {largest:g} µm",
+        )
 
 
 def _checks(held: Curve, table: ErrorTable) -> list[Check]:
@@ -291,9 +332,8 @@ def _check_file(
     not_held: Sequence[NotHeld],
 ) -> ControllerFile:
     """Write the check table as a text that lies beside the controller's files."""
-    sign = SIGN_WORDS[controller.sign_of(options)]
     lines = [
-        *head(table.origin, controller.title, controller.status.value, sign),
+        *head(table.origin, controller, options),
         "",
         "After loading, each axis stands further than before by (in um, + in the axis' direction):",
         "component  axis  position_mm  direction  moved_axis  expected_movement_um",

@@ -17,20 +17,19 @@ from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     ControllerFile,
     Format,
     Parsed,
+    Reading,
     ReferenceOptions,
     Rendered,
     Status,
-    add_curve,
     component_named,
     curve_code,
-    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import Line, fixed, head, lines_of
+from app.controllers.heads import head
+from app.controllers.lines import Line, fixed, lines_of
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.units import UM_PER_MM
@@ -55,16 +54,13 @@ _ERROR: Final = re.compile(r"E([XYZ])\s*([+-]?[\d.]+)", re.IGNORECASE | re.ASCII
 
 
 def _render(table: ErrorTable, options: ReferenceOptions) -> Rendered:
-    lines = [f"; {x}" for x in head(table.origin, TITLE, Status.MANUAL.value, SIGN_WORDS["error"])]
+    lines = [f"; {x}" for x in head(table.origin, FAGOR, options)]
     lines.append("P8 INCHES = 0")
     held = []
     for code in [*LINEAR, *CROSSES]:
         if code not in table.curves:
             continue
-        loaded = _fitted(table.curves[code])
-        if code in CROSSES:
-            loaded = loaded.mean()
-        loaded = loaded.rounded(10.0**-_DECIMALS * UM_PER_MM)
+        loaded = _fitted(table.curves[code]).rounded(10.0**-_DECIMALS * UM_PER_MM)
         held.append(loaded)
         lines += _cross(loaded) if code in CROSSES else _leadscrew(loaded)
     return Rendered([ControllerFile("thermap.FGR", "\n".join(lines) + "\n")], held)
@@ -137,11 +133,17 @@ class _Section:
 
 
 def _parse(files: Sequence[ControllerFile], options: ReferenceOptions) -> Parsed:
-    curves: dict[str, Curve] = {}
+    reading = Reading("leadscrew or cross compensation tables")
     for file in files:
         for section in _sections(file):
-            add_curve(curves, _curve_of(section), file.name)
-    return parsed(curves, files, "leadscrew or cross compensation tables")
+            if section.settings.get("LSCRWCOM") == "OFF":
+                reading.leave_aside(
+                    f"{section.axis.upper() or 'a table'} of {file.name}",
+                    "switched off by LSCRWCOM = OFF, so that it does nothing",
+                )
+                continue
+            reading.add(_curve_of(section), file.name)
+    return reading.parsed(files)
 
 
 def _sections(file: ControllerFile) -> Iterator[_Section]:
@@ -232,7 +234,7 @@ FAGOR: Final = Format(
     status=Status.MANUAL,
     holds=(*LINEAR, *CROSSES),
     folds=True,
-    both_directions=True,
+    both_directions=LINEAR,
     options=ReferenceOptions,
     render=_render,
     parse=_parse,

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.controllers.curve import Curve
+from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import ErrorTable
-from app.controllers.lines import machine_named
-from app.errors import InvalidContent
+from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.units import Unit
 
@@ -46,6 +46,9 @@ class Options(BaseModel):
     numbering: ClassVar[str] = ""
     """The option that gives each axis the controller's number, by default that of three axes."""
 
+    layout: ClassVar[frozenset[str]] = frozenset(("most_points", "spacing_mm"))
+    """Options that only shape what is written: files are read without them."""
+
     components: Annotated[list[str], Field(max_length=100)] | None = Field(
         None, description="Codes of the components to write; every one that the format holds"
     )
@@ -67,6 +70,47 @@ class ReferenceOptions(Options):
         default_factory=dict,
         description="Each axis' reference point [mm], where the format is 0; 0 where not stated",
     )
+
+
+class HomeOptions(Options):
+    """Options of a format whose tables may have a value where the axes are homed."""
+
+    home_mm: dict[Axis, Length] = Field(
+        default_factory=dict,
+        description="Where each axis stands after homing [mm]; 0 where not stated. A compensation "
+        "that is not 0 there is warned of: the motor steps",
+    )
+
+
+def steps_at_home(held: Sequence[Curve], options: HomeOptions, when: str) -> list[str]:
+    """Warn of each axis that does not stand still when its compensation begins to act.
+
+    Parameters
+    ----------
+    held
+        What the controller holds.
+    when
+        The moment of the step.
+    """
+    warnings = []
+    for axis in LINEAR_LETTERS:
+        moving = [curve for curve in held if curve.component.direction == axis]
+        home = {a: options.home_mm.get(a, 0.0) for c in moving if (a := c.component.axis)}
+        at_home = [
+            sum(float(c.at(np.array([home[str(c.component.axis)]]), d)[0]) for c in moving)
+            for d in (FORWARD, BACKWARD)
+        ]
+        largest = max(at_home, key=abs)
+        if abs(largest) >= _SMALLEST_STEP_UM:
+            place = ", ".join(f"{a.upper()} {at:g} mm" for a, at in home.items())
+            warnings.append(
+                f"the motor of {axis} steps by {-largest:.1f} µm {when}: the compensation at home "
+                f"({place}) is not 0"
+            )
+    return warnings
+
+
+_SMALLEST_STEP_UM: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +199,8 @@ class Format:
     folds
         Whether squareness is folded into straightness because there is no table for it.
     both_directions
-        Whether it holds both directions of approach.
+        Codes of the components of which it holds both directions of approach; of the others it
+        holds their mean.
     options
         What it can be told.
     render, parse
@@ -178,7 +223,7 @@ class Format:
     status: Status
     holds: Sequence[str]
     folds: bool
-    both_directions: bool
+    both_directions: Sequence[str]
     options: type[Options]
     render: Callable[[ErrorTable, Any], Rendered]
     parse: Callable[[Sequence[ControllerFile], Any], Parsed]
@@ -237,38 +282,52 @@ def of_axis(named: Mapping[str, Named], axis: str, field: str) -> Named:
     return named[axis]
 
 
-def add_curve(curves: dict[str, Curve], curve: Curve, file: str) -> None:
-    """Add what was read; one component twice is refused, because one of both would be lost."""
-    if curve.code in curves:
-        raise InvalidContent.of_field(
-            f"files.{file}", f"expected one table of {curve.code}, got two"
-        )
-    curves[curve.code] = curve
-
-
-def parsed(
-    curves: Mapping[str, Curve],
-    files: Sequence[ControllerFile],
-    what: str,
-    warnings: Sequence[str] = (),
-) -> Parsed:
-    """Give what was read of files, in the order of tables, with the machine that a head names.
+@dataclass
+class Reading:
+    """What has been read of a controller's files so far, and what was left aside.
 
     Parameters
     ----------
-    what
+    expected
         What the format has, for who gave files without it.
-
-    Raises
-    ------
-    InvalidContent
-        If nothing was found that the format has.
     """
-    if not curves:
-        names = ", ".join(file.name for file in files) or "no file"
-        raise InvalidContent.of_field("files", f"expected {what}, got none in {names}")
-    machine = next((m for file in files if (m := machine_named(file.content))), None)
-    return Parsed({code: curves[code] for code in COMPONENTS if code in curves}, warnings, machine)
+
+    expected: str
+    curves: dict[str, Curve] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    _left_aside: dict[str, list[str]] = field(default_factory=dict)
+
+    def add(self, curve: Curve, file: str) -> None:
+        """Add a curve; one component twice is refused, because one of both would be lost."""
+        if curve.code in self.curves:
+            raise InvalidContent.of_field(
+                f"files.{file}", f"expected one table of {curve.code}, got two"
+            )
+        self.curves[curve.code] = curve
+
+    def leave_aside(self, what: str, why: str) -> None:
+        """Note what is not read, because it is none of ours or does nothing in the control."""
+        self._left_aside.setdefault(why, []).append(what)
+
+    def parsed(self, files: Sequence[ControllerFile]) -> Parsed:
+        """Give what was read, in the order of tables.
+
+        Raises
+        ------
+        InvalidContent
+            If nothing was read.
+        """
+        left = [
+            f"left aside: {list_names(dict.fromkeys(names), limit=8)}: {why}"
+            for why, names in self._left_aside.items()
+        ]
+        if not self.curves:
+            names = list_names(file.name for file in files)
+            raise InvalidContent.of_field(
+                "files", "; ".join([f"expected {self.expected}, got none in {names}", *left])
+            )
+        ordered = {code: self.curves[code] for code in COMPONENTS if code in self.curves}
+        return Parsed(ordered, [*dict.fromkeys(self.warnings), *left])
 
 
 def component_named(code: str) -> Any:

@@ -3,6 +3,10 @@
 The form is that of C. Wang, 8.4.3, Table 8.5.
 A `.COM` stands in the `.CMA` under the axis that moves; its columns are the axes that it
 compensates. Positions count from the machine's datum, at distances of a power of two of 0.1 µm.
+
+Newer controls (TNC 620, TNC 640, MANUALplus 620) have another form, which is read and not written:
+positions in the column AXISPOS, the columns named by their axes, and a line of the `.CMA` that is
+marked with * in ACTIVE. Cells may be empty, so that the columns are where their names stand.
 """
 
 from __future__ import annotations
@@ -26,16 +30,15 @@ from app.controllers.format import (
     Joint,
     Label,
     Parsed,
+    Reading,
     Rendered,
     SignedOptions,
     Status,
-    add_curve,
     axes_of,
     component_named,
     curve_code,
     factor_of,
     of_axis,
-    parsed,
 )
 from app.controllers.grids import FINEST_MM, down_to_finest, even_grid
 from app.controllers.lines import Line, fixed, lines_of
@@ -52,6 +55,8 @@ _COM: Final = re.compile(
     r"BEGIN\s+(\S+)\.COM\s+DATUM:\s*([+-]?[\d.]+)\s+DIST:\s*(\d{1,3})", re.IGNORECASE | re.ASCII
 )
 _CMA: Final = re.compile(r"BEGIN\s+(\S+)\.CMA\s+ACT:\s*(\d{1,4})", re.IGNORECASE | re.ASCII)
+_NEWER: Final = re.compile(r"BEGIN\s+(\S+)\.(COM|CMA)(?:\s+MM)?", re.IGNORECASE | re.ASCII)
+_INCHES: Final = re.compile(r"BEGIN\s+\S+\.(?:COM|CMA)\s+INCH", re.IGNORECASE | re.ASCII)
 _COLUMN: Final = re.compile(r"(\d)\s*=\s*f\s*\(\s*\)", re.IGNORECASE | re.ASCII)
 _NUMBER: Final = re.compile(r"\d{1,2}", re.ASCII)
 
@@ -60,6 +65,7 @@ class HeidenhainOptions(SignedOptions):
     """Options of Heidenhain's tables."""
 
     numbering: ClassVar[str] = "columns"
+    layout: ClassVar[frozenset[str]] = frozenset(("name", "power"))
 
     name: Label = Field("thermap", description="What the files' names begin with")
     columns: dict[Axis, Annotated[Count, Field(ge=1, le=9)]] = Field(
@@ -85,7 +91,12 @@ def _render(table: ErrorTable, options: HeidenhainOptions) -> Rendered:
         assigned[_column(options, axis)] = name
         held += loaded
     files.append(_cma(options, [assigned]))
-    return Rendered(files, held)
+    points = sum(loaded.positions_mm.size for loaded in held)
+    limits = (
+        f"the control limits the sum of all compensation points and the number of .COM files as "
+        f"well (module 9095, errors 4 and 5): these are {points} points in {len(assigned)} files"
+    )
+    return Rendered(files, held, [limits])
 
 
 def _cma(options: HeidenhainOptions, lines: Sequence[Mapping[int, str]]) -> ControllerFile:
@@ -165,38 +176,142 @@ def _value(value: float) -> str:
 
 
 def _parse(files: Sequence[ControllerFile], options: HeidenhainOptions) -> Parsed:
+    reading = Reading("a .COM table")
     assigned: dict[str, str] = {}
     others: set[str] = set()
-    tables = []
+    tables: list[tuple[str, list[Line]]] = []
     for file in files:
         lines = list(lines_of(file.name, file.content))
         if not lines or lines[-1].text.upper() != "[END]":
             raise InvalidContent.of_field(
                 f"files.{file.name}", "expected [END] as the last line, the file may be cut off"
             )
-        if _CMA.fullmatch(lines[0].text):
-            active, inactive = _assignment(lines, options)
+        if _INCHES.match(lines[0].text):
+            raise lines[0].refuse("a table in MM")
+        newer = _NEWER.fullmatch(lines[0].text)
+        if _CMA.fullmatch(lines[0].text) or (newer and newer[2].upper() == "CMA"):
+            read = _newer_assignment if newer else _assignment
+            active, inactive = read(_as_written(file, lines) if newer else lines, options)
             assigned |= active
             others |= inactive
-        elif _COM.fullmatch(lines[0].text):
-            tables.append((file.name, lines))
+        elif newer or _COM.fullmatch(lines[0].text):
+            tables.append((file.name, _as_written(file, lines) if newer else lines))
         else:
             raise lines[0].refuse("BEGIN name.COM DATUM: +0.0 DIST: 13, or BEGIN name.CMA ACT: 0")
-    curves: dict[str, Curve] = {}
-    passive = []
-    for name, lines in tables:
-        heading = _COM.fullmatch(lines[0].text)
+    for file_name, lines in tables:
+        heading = _COM.fullmatch(lines[0].text) or _NEWER.fullmatch(lines[0].text)
         assert heading is not None
-        if heading[1].upper() in others - assigned.keys():
-            passive.append(name)
+        name = heading[1].upper()
+        if name in others - assigned.keys():
+            reading.leave_aside(file_name, "the active line of the .CMA does not name it")
             continue
-        axis = assigned.get(heading[1].upper()) or heading[1][-1:].lower()
-        if axis not in LINEAR_LETTERS or (assigned and heading[1].upper() not in assigned):
-            raise lines[0].refuse("a table that the .CMA assigns, or a name that ends in its axis")
-        for curve in _curves(lines, axis, options):
-            add_curve(curves, curve, name)
-    left = f"not active, and left aside: {list_names(passive)}"
-    return parsed(curves, files, "a .COM table", [left] if passive else [])
+        axis = assigned.get(name) or name[-1:].lower()
+        if assigned and name not in assigned:
+            raise lines[0].refuse("a table that the .CMA assigns")
+        if axis not in [*LINEAR_LETTERS]:
+            if name not in assigned:
+                raise lines[0].refuse(
+                    "a table that the .CMA assigns, or a name that ends in X to Z"
+                )
+            reading.leave_aside(file_name, f"it is of axis {axis.upper()}, not of X, Y or Z")
+            continue
+        if _COM.fullmatch(lines[0].text):
+            curves = _curves(lines, axis, options)
+        else:
+            curves = _newer_curves(lines, axis, options, reading)
+        for curve in curves:
+            reading.add(curve, file_name)
+    return reading.parsed(files)
+
+
+def _as_written(file: ControllerFile, lines: Sequence[Line]) -> list[Line]:
+    """Give lines with the blanks at their begin, without which columns would be elsewhere."""
+    raw = file.content.replace("\r\n", "\n").split("\n")
+    return [line._replace(text=raw[line.number - 1].rstrip()) for line in lines]
+
+
+def _cells(header: Line, line: Line) -> dict[str, str]:
+    """Take a row apart: each word belongs to the column whose name begins where it does.
+
+    Raises
+    ------
+    InvalidContent
+        If a word stands under no column's name, or there are tabulators, which have no width.
+    """
+    if "\t" in header.text + line.text:
+        raise line.refuse("columns of blanks, without tabulators")
+    begins = {m.start(): m[0].upper() for m in re.finditer(r"\S+", header.text)}
+    cells = {}
+    for word in re.finditer(r"\S+", line.text):
+        name = begins.get(word.start())
+        if name is None:
+            raise line.refuse(f"each value where the name of its column begins ({header.text})")
+        cells[name] = word[0]
+    return cells
+
+
+def _newer_assignment(
+    lines: Sequence[Line], options: HeidenhainOptions
+) -> tuple[dict[str, str], set[str]]:
+    """Read the marked line of a newer .CMA: which axis each .COM belongs to; and all names."""
+    header = lines[1]
+    if header.text.upper().split()[:2] != ["NR", "ACTIVE"] or len(lines) < 4:
+        raise header.refuse("NR ACTIVE X Y Z, and a line")
+    active: dict[str, str] | None = None
+    names: set[str] = set()
+    for line in lines[2:-1]:
+        cells = _cells(header, line)
+        tables = {
+            cell.upper().removesuffix(".COM"): name.lower()
+            for name, cell in cells.items()
+            if name not in ("NR", "ACTIVE") and cell != "-"
+        }
+        names |= tables.keys()
+        if "ACTIVE" in cells:
+            if cells["ACTIVE"] != "*" or active is not None:
+                raise line.refuse("one active line, marked with *")
+            active = tables
+    if active is None:
+        raise header.refuse("a line that is marked with * in ACTIVE: without one nothing acts")
+    return active, names
+
+
+def _newer_curves(
+    lines: Sequence[Line], axis: str, options: HeidenhainOptions, reading: Reading
+) -> list[Curve]:
+    header = lines[1]
+    columns = header.text.upper().split()
+    if columns[:2] != ["NR", "AXISPOS"] or len(set(columns)) < len(columns):
+        raise header.refuse("NR AXISPOS BACKLASH X Y Z, each column once")
+    at: list[float] = []
+    values: dict[str, list[float]] = {}
+    for number, line in enumerate(lines[2:-1]):
+        cells = _cells(header, line)
+        if cells.pop("NR", "") != str(number) or "AXISPOS" not in cells:
+            raise line.refuse(f"row {number} with a position")
+        position = line.position_mm(cells.pop("AXISPOS"))
+        if at and position <= at[-1]:
+            raise line.refuse("increasing positions")
+        at.append(position)
+        if "BACKLASH" in cells:
+            raise line.refuse(
+                "no value in BACKLASH: the values of the negative direction are not read"
+            )
+        if values and cells.keys() != values.keys():
+            raise line.refuse(f"values of {list_names(values)}, as in the row before")
+        for name, cell in cells.items():
+            values.setdefault(name, []).append(line.error_mm(cell))
+    if len(at) < 2:
+        raise header.refuse(f"2 rows or more, not {len(at)}")
+    curves = []
+    for name, column in values.items():
+        if name.lower() not in [*LINEAR_LETTERS]:
+            reading.leave_aside(f"column {name} of {header.file}", "it is not of X, Y or Z")
+            continue
+        errors = factor_of(options.sign) * np.array(column) * UM_PER_MM
+        component = component_named(curve_code(name.lower(), axis))
+        curves.append(Curve(component, frozen(at), frozen(errors)))
+    return curves
 
 
 def _assignment(
@@ -284,7 +399,7 @@ HEIDENHAIN: Final = Format(
     status=Status.SEED,
     holds=TRANSLATIONS,
     folds=True,
-    both_directions=False,
+    both_directions=(),
     options=HeidenhainOptions,
     render=_render,
     parse=_parse,

@@ -18,17 +18,16 @@ from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
 from app.controllers.etalon import value_of
 from app.controllers.format import (
-    SIGN_WORDS,
     ControllerFile,
     Format,
     Options,
     Parsed,
+    Reading,
     Rendered,
     Status,
-    add_curve,
     axes_of,
-    parsed,
 )
+from app.controllers.heads import head
 from app.controllers.iso_names import (
     BY_ISO_NAME,
     DECIMALS,
@@ -36,15 +35,16 @@ from app.controllers.iso_names import (
     POSITION_DECIMALS,
     file_factor,
     iso_name,
+    why_not_held,
 )
-from app.controllers.lines import Line, head, lines_of, plain
-from app.geometry.components import LINEAR_LETTERS, Component
+from app.controllers.lines import Line, lines_of, plain
+from app.geometry.components import Component
 
 TITLE: Final = "ISG CSV"
 
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
-    lines = [f"// {x}" for x in head(table.origin, TITLE, Status.SOURCE.value, SIGN_WORDS["error"])]
+    lines = [f"// {x}" for x in head(table.origin, ISG, options)]
     held: list[Curve] = []
     blocks = []
     single = [c for c in table.curves.values() if not c.component.is_table]
@@ -79,12 +79,12 @@ def _block(argument: str, at: FloatArray, curves: Sequence[Curve], held: list[Cu
 
 
 def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
-    curves: dict[str, Curve] = {}
+    reading = Reading("blocks such as X EXX EYX with rows")
     for file in files:
         for header, rows in _blocks(file):
-            for curve in _curves(header, rows):
-                add_curve(curves, curve, file.name)
-    return parsed(curves, files, "blocks such as X EXX EYX with rows")
+            for curve in _curves(header, rows, reading):
+                reading.add(curve, file.name)
+    return reading.parsed(files)
 
 
 def _blocks(file: ControllerFile) -> Iterator[tuple[Line, list[Line]]]:
@@ -100,13 +100,14 @@ def _blocks(file: ControllerFile) -> Iterator[tuple[Line, list[Line]]]:
         yield block[0], block[1:]
 
 
-def _curves(header: Line, rows: Sequence[Line]) -> list[Curve]:
+def _curves(header: Line, rows: Sequence[Line], reading: Reading) -> list[Curve]:
     names = header.text.upper().split()
-    argument = names[0] if names[0].lower() in LINEAR_LETTERS else ""
-    components = [_named(header, name) for name in names[1 if argument else 0 :]]
-    if not components or len({c.code for c in components}) < len(components) or not rows:
-        raise header.refuse("an argument X, Y or Z, errors of ISO 230-1 each once, and rows")
-    if any((c.axis or "").upper() != argument for c in components):
+    argument = names[0] if names[0] in ARGUMENTS else ""
+    errors = names[1 if argument else 0 :]
+    components = [_named(header, name, reading) for name in errors]
+    if not errors or len(set(errors)) < len(errors) or not rows:
+        raise header.refuse("an argument such as X, errors of ISO 230-1 each once, and rows")
+    if any((c.axis or "").upper() != argument for c in components if c is not None):
         raise header.refuse("errors of the argument's axis alone, such as X EXX EYX")
     if not argument and len(rows) != 1:
         raise rows[1].refuse("one row of errors that depend on no position")
@@ -117,23 +118,36 @@ def _curves(header: Line, rows: Sequence[Line]) -> list[Curve]:
             raise line.refuse("increasing positions")
     values = np.array([row[1:] for row in table])
     positions = frozen(at) if argument else frozen([])[:0]
-    return [Curve(c, positions, frozen(values[:, i])) for i, c in enumerate(components)]
+    return [
+        Curve(c, positions, frozen(values[:, i])) for i, c in enumerate(components) if c is not None
+    ]
 
 
-def _named(header: Line, name: str) -> Component:
+ARGUMENTS: Final = tuple("XYZABCUVW")
+"""What errors may lie along; along rotary and parallel axes they are left aside."""
+
+
+def _named(header: Line, name: str, reading: Reading) -> Component | None:
+    """Give the component of a column; None where it is an error that is left aside."""
     component = BY_ISO_NAME.get(name)
     if component is None:
-        raise header.refuse("an ISO 230-1 error such as EXX, EBX, C0Y or X0C, or one argument")
+        why_not = why_not_held(name)
+        if why_not is None:
+            raise header.refuse("an ISO 230-1 error such as EXX, EBX, C0Y or X0C, or one argument")
+        reading.leave_aside(f"{name} of {header.file}", why_not)
     return component
 
 
-def _row(line: Line, argument: str, components: Sequence[Component]) -> list[float]:
+def _row(line: Line, argument: str, components: Sequence[Component | None]) -> list[float]:
     words = line.text.split()
     position = [line.position_mm(words[0])] if argument else [0.0]
     values = words[1:] if argument else words
     if len(values) != len(components):
         raise line.refuse(f"{len(components)} values")
-    return position + [value_of(line, v, c) for v, c in zip(values, components, strict=True)]
+    return position + [
+        line.number_of(v, "a value") if c is None else value_of(line, v, c)
+        for v, c in zip(values, components, strict=True)
+    ]
 
 
 ISG: Final = Format(
@@ -146,7 +160,7 @@ ISG: Final = Format(
     status=Status.SOURCE,
     holds=HELD,
     folds=False,
-    both_directions=False,
+    both_directions=(),
     options=Options,
     render=_render,
     parse=_parse,

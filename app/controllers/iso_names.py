@@ -6,6 +6,7 @@ locations with ISO's zero, X0C.
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from app.geometry.components import COMPONENTS, Component, Kind
@@ -43,3 +44,18 @@ def file_factor(component: Component) -> float:
     """
     per = UM_PER_MM if component.unit is Unit.UM else URAD_PER_RAD
     return component.iso_sign / per
+
+
+_ROTARY: Final = re.compile(r"E[ABCXYZ][ABCUVW]|[ABCXYZ]0[ABCUVWXYZ]")
+
+
+def why_not_held(name: str) -> str | None:
+    """Say why an error of ISO 230-1 is left aside; None where there is no such error.
+
+    >>> why_not_held("EXC")
+    'errors along A, B, C, U, V and W, and locations of other axes, are not held'
+    >>> why_not_held("EXQ")
+    """
+    if not _ROTARY.fullmatch(name):
+        return None
+    return "errors along A, B, C, U, V and W, and locations of other axes, are not held"

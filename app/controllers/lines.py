@@ -1,4 +1,4 @@
-"""Text of controllers' files: heads and numbers written, lines and numbers read strictly."""
+"""Text of controllers' files: numbers written, lines and numbers read strictly."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from app.controllers.error_table import Origin
 from app.errors import InvalidContent
 from app.thermal.error_map import LARGEST_ERROR_UM
-from app.units import UM_PER_MM, iso_time
+from app.units import UM_PER_MM
 
 LARGEST_ERROR_MM: Final = LARGEST_ERROR_UM / UM_PER_MM
 """A larger value in a file is something else than an error."""
@@ -20,7 +19,6 @@ FARTHEST_MM: Final = 1e6
 
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _WHOLE: Final = re.compile(r"[+-]?\d{1,15}", re.ASCII)
-_MACHINE: Final = re.compile(r"thermap: machine (\S{1,64})(?!\S)")
 _LONGEST_SHOWN: Final = 60
 _MOST_CHARACTERS: Final = 4_000_000
 LONGEST_LINE: Final = 1_000
@@ -106,48 +104,6 @@ def lines_of(file: str, content: str, comment: str | None = None) -> Iterator[Li
             raise line.refuse("text without control characters or a byte-order mark")
         if line.text:
             yield line
-
-
-def machine_named(content: str) -> str | None:
-    """Find the machine that the head of a file names, None where it names none.
-
-    >>> machine_named("; thermap: machine mcfv5050 (MCFV), model version 3")
-    'mcfv5050'
-    """
-    found = _MACHINE.search(content)
-    return found[1] if found else None
-
-
-def head(origin: Origin, title: str, status: str, sign: str) -> list[str]:
-    """Write what stands at the head of a file, in ASCII and without a comment's sign.
-
-    Parameters
-    ----------
-    origin
-        Machine, model version, time and temperatures.
-    title
-        The format's title.
-    status
-        How surely the format is known.
-    sign
-        What the values are.
-    """
-    temperatures = ", ".join(f"{s} {t:.2f}" for s, t in sorted(origin.temperatures_c.items()))
-    return [
-        _ascii(line)
-        for line in (
-            f"thermap: machine {origin.machine_id} ({origin.machine_name}), "
-            f"model version {origin.model_version}",
-            f"{title}; format {status}",
-            f"computed {iso_time(origin.computed_at.timestamp())} at temperatures [deg C]: "
-            f"{temperatures or 'none'}",
-            f"values: {sign}",
-        )
-    ]
-
-
-def _ascii(text: str) -> str:
-    return "".join(c if " " <= c <= "~" else "?" for c in text)
 
 
 def fixed(value: float, decimals: int) -> str:

@@ -16,11 +16,11 @@ from app.arrays import frozen
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     ControllerFile,
     Count,
     Format,
     Parsed,
+    Reading,
     Rendered,
     SignedOptions,
     Spacing,
@@ -29,10 +29,10 @@ from app.controllers.format import (
     component_named,
     curve_code,
     factor_of,
-    parsed,
 )
 from app.controllers.grids import even_grid, even_positions
-from app.controllers.lines import LARGEST_ERROR_MM, Line, head, lines_of
+from app.controllers.heads import head
+from app.controllers.lines import LARGEST_ERROR_MM, Line, lines_of
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.units import UM_PER_MM
@@ -67,7 +67,7 @@ class MdsiOptions(SignedOptions):
 def _render(table: ErrorTable, options: MdsiOptions) -> Rendered:
     per_mm, per_um = options.counts_per_mm, options.counts_per_mm / UM_PER_MM
     factor = factor_of(options.sign)
-    lines = [f"# {x}" for x in head(table.origin, TITLE, STATUS.value, SIGN_WORDS[options.sign])]
+    lines = [f"# {x}" for x in head(table.origin, MDSI, options)]
     held = []
     for axis in axes_of(table):
         curve = table.curves[curve_code(axis, axis)]
@@ -132,9 +132,14 @@ def _parse(files: Sequence[ControllerFile], options: MdsiOptions) -> Parsed:
         for line in lines_of(file.name, file.content, "#"):
             _take(line, settings, values)
     axes = sorted({number for _, number in settings} | {number for _, number in values})
-    curves = [_curve(number, settings, values, options) for number in axes]
-    found = {curve.code: curve for curve in curves}
-    return parsed(found, files, "axLSCompCount and the other entries of a tune file")
+    reading = Reading("axLSCompCount and the other entries of a tune file")
+    for number in axes:
+        if number >= len(LINEAR_LETTERS):
+            reading.leave_aside(f"axis {number}", "only axes 0, 1 and 2 are X, Y and Z")
+            continue
+        curve = _curve(number, settings, values, options)
+        reading.curves[curve.code] = curve
+    return reading.parsed(files)
 
 
 def _take(
@@ -165,8 +170,6 @@ def _curve(
     options: MdsiOptions,
 ) -> Curve:
     field = f"files.axis {number}"
-    if number >= len(LINEAR_LETTERS):
-        raise InvalidContent.of_field(field, "expected axis 0, 1 or 2")
     if any((name, number) not in settings for name in _CONTENTS):
         raise InvalidContent.of_field(field, "expected its count, spacing and lowest position")
     count, spacing, start = (settings[name, number][1] for name in _CONTENTS)
@@ -208,7 +211,7 @@ MDSI: Final = Format(
     status=STATUS,
     holds=LINEAR,
     folds=False,
-    both_directions=True,
+    both_directions=LINEAR,
     options=MdsiOptions,
     render=_render,
     parse=_parse,

@@ -83,7 +83,7 @@ def _field_error(controller: Format, error: Mapping[str, Any]) -> FieldError:
     if error["type"] == "missing":
         about = known[path[0]].description if path and path[0] in known else ""
         return FieldError(field, f"expected a value, got none. {about}".strip())
-    expected = str(error["msg"]).removeprefix("Input should be ")
+    expected = str(error["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
     if error["type"] == "string_pattern_mismatch":
         of_axis = "[key]" in error["loc"]
         expected = "an axis x, y or z" if of_axis else "1 to 32 letters A to Z, digits or _"

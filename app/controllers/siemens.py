@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from app.controllers.format import ControllerFile
+from app.controllers.format import ControllerFile, Reading
 from app.controllers.lines import Line, lines_of
 from app.errors import InvalidContent
 
 END: Final = "M17"
 
-_HEADING: Final = re.compile(r"%_N_\w+|CHANDATA\s*\(\s*\d+\s*\)|;?\s*\$PATH=.*", re.IGNORECASE)
-_END: Final = re.compile(r"M(?:0?2|17|23|30)", re.IGNORECASE)
-_ASSIGNMENT: Final = re.compile(
-    r"(?:N\d+\s+)?\$(\w+)\s*\[([^\]]*)\]\s*(?:=\s*)?(\(\s*\w+\s*\)|'?[^\s()']+'?)", re.IGNORECASE
+_NUMBERED: Final = re.compile(r"^N\d+\s*(?=\S)", re.IGNORECASE | re.ASCII)
+_CHECKSUM: Final = re.compile(r"\s'[0-9A-F]{4}$", re.IGNORECASE)
+_PROGRAM: Final = re.compile(r"%_N_\w+", re.IGNORECASE)
+_END: Final = re.compile(r"M(?:0?2|17|23|30)|RET", re.IGNORECASE)
+_NO_VALUE: Final = re.compile(
+    r"CHANDATA\s*\(\s*\d+\s*\)|\$PATH=.*|M0?[01]|NEWCONF|STOPRE|"
+    r"MSG\s*\(.*\)|G0?4\s*[FS][\d.]+|PROC\s+\w+(?:\s+\w+)*",
+    re.IGNORECASE,
 )
+"""What neither sets a value nor decides whether another line does."""
+
+_VARIABLE: Final = re.compile(r"\$(\w+)\s*(?:\[([^\]]*)\])?\s*=?\s*(.*)", re.ASCII)
+_VALUE: Final = re.compile(r"(\(\s*\w+\s*\)|'?[^\s()']+'?)", re.ASCII)
 _INDEX: Final = re.compile(r"\s*(\w+)\s*(?:[,.]\s*(\w+)\s*)?(?:[,.]\s*(\w+)\s*)?")
+_OFF: Final = ("0", "FALSE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,44 +46,114 @@ class Assignment:
         return self.line.whole(self.indices[place], f"index {place + 1}")
 
 
-def assignments(file: ControllerFile, prefix: str) -> Iterator[Assignment]:
-    """Go through a file's assignments.
+@dataclass(frozen=True, slots=True)
+class Program:
+    """What a file assigns: the tables, and what switches them, as it is at the end."""
 
-    A missing `=`, a dot between indices and lower case are tolerated: real files have them.
+    assignments: Sequence[Assignment]
+    switches: dict[tuple[str, tuple[str, ...]], Assignment]
+
+    def switch(self, name: str, *indices: str) -> Assignment | None:
+        """Take what switches a table; None where the file does not say it."""
+        return self.switches.pop((name, indices), None)
+
+    def leave_rest_aside(self, reading: Reading) -> None:
+        """Note the switches that nobody took."""
+        for (name, indices), given in self.switches.items():
+            reading.leave_aside(
+                f"${name}[{','.join(indices)}]={given.value}", "it switches nothing that is read"
+            )
+
+
+def switched_off(switch: Assignment | None) -> str | None:
+    """Say what switches a table off; None where it is on."""
+    return off_by(switch) if switch is not None and switch.value.upper() in _OFF else None
+
+
+def off_by(switch: Assignment) -> str:
+    """Say that a table does nothing, because of a switch."""
+    return (
+        f"switched off by ${switch.name}[{','.join(switch.indices)}]={switch.value}, so that it "
+        "does nothing"
+    )
+
+
+def program(
+    file: ControllerFile, prefix: str, switches: Sequence[str], reading: Reading
+) -> Program:
+    """Read a file's assignments; those of other variables are left aside.
+
+    A missing `=`, a dot between indices, lower case, numbers before lines and the control's
+    checksums behind them are tolerated: real files have them.
 
     Parameters
     ----------
     file
         The file.
     prefix
-        What the names begin with; others are of another format.
+        What the names begin with.
+    switches
+        Names of the machine and setting data that switch the tables on and off.
+    reading
+        Where it is noted what is left aside.
 
     Raises
     ------
     InvalidContent
-        If a line is neither heading, end nor assignment, or if anything follows the end.
+        If a line may set a value in a way that cannot be read, or if anything follows the end.
     """
-    ended = False
-    for line in lines_of(file.name, file.content, ";"):
-        if _HEADING.fullmatch(line.text):
-            continue
-        if ended:
-            raise line.refuse("nothing after the end of the program")
-        if _END.fullmatch(line.text):
-            ended = True
-            continue
-        found = _ASSIGNMENT.fullmatch(line.text)
-        if found is None or not found[1].upper().startswith(prefix):
-            raise line.refuse(f"an assignment such as ${prefix}[0,0]=+0.0001")
-        index = _INDEX.fullmatch(found[2])
-        if index is None:
-            raise line.refuse("indices such as [0,0]")
-        indices = tuple(part.upper() for part in index.groups() if part is not None)
-        yield Assignment(line, found[1].upper(), indices, found[3].strip("'() \t"))
-    if not ended:
+    assigned: list[Assignment] = []
+    switched: dict[tuple[str, tuple[str, ...]], Assignment] = {}
+    others: list[str] = []
+    ended = True
+    begun = False
+    for raw in lines_of(file.name, file.content, ";"):
+        line = raw._replace(text=_CHECKSUM.sub("", _NUMBERED.sub("", raw.text)).rstrip())
+        if _PROGRAM.fullmatch(line.text):
+            if begun and not ended:
+                raise raw.refuse(f"{END} before the next program: the file may be cut off")
+            ended = False
+        elif _END.fullmatch(line.text):
+            begun, ended = True, True
+        elif begun and ended:
+            raise raw.refuse("nothing after the end of the program")
+        elif _NO_VALUE.fullmatch(line.text):
+            begun, ended = True, False
+        else:
+            begun, ended = True, False
+            name = (found := _VARIABLE.fullmatch(line.text)) and found[1].upper()
+            if name is None:
+                raise raw.refuse(
+                    f"assignments such as ${prefix}[0,0]=+0.0001; what a jump, a condition or a "
+                    "calculation would do in the control cannot be read"
+                )
+            if not name.startswith(prefix) and name not in switches:
+                others.append(name)
+                continue
+            given = _assignment(raw, line.text)
+            if name in switches:
+                switched[name, given.indices] = given
+            else:
+                assigned.append(given)
+    if not (begun and ended):
         raise InvalidContent.of_field(
             f"files.{file.name}", f"expected {END} at the end, got none: the file may be cut off"
         )
+    for name in others:
+        reading.leave_aside(f"${name}", f"other data in {file.name}")
+    return Program(assigned, switched)
+
+
+def _assignment(line: Line, text: str) -> Assignment:
+    found = _VARIABLE.fullmatch(text)
+    assert found is not None
+    index = _INDEX.fullmatch(found[2] or "")
+    if index is None:
+        raise line.refuse("indices such as [0,0]")
+    if not _VALUE.fullmatch(found[3]):
+        raise line.refuse("one value, as a number or a name")
+    indices = tuple(part.upper() for part in index.groups() if part is not None)
+    return Assignment(line, found[1].upper(), indices, found[3].strip("'() \t"))
 
 
 @dataclass

@@ -16,13 +16,14 @@ from app.arrays import frozen
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import TRANSLATIONS, ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     Axis,
     ControllerFile,
     Count,
     Format,
+    HomeOptions,
     Label,
     Parsed,
+    Reading,
     Rendered,
     SignedOptions,
     Spacing,
@@ -31,12 +32,13 @@ from app.controllers.format import (
     curve_code,
     factor_of,
     of_axis,
-    parsed,
+    steps_at_home,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import fixed, head
-from app.controllers.siemens import END, EvenTable, assignments
-from app.errors import InvalidContent
+from app.controllers.heads import head
+from app.controllers.lines import fixed
+from app.controllers.siemens import END, EvenTable, Program, program, switched_off
+from app.errors import InvalidContent, list_names
 from app.units import UM_PER_MM
 
 FILE: Final = "_N_NC_CEC_INI"
@@ -52,10 +54,16 @@ _KNOWN: Final = frozenset(
 )
 
 
-class CecOptions(SignedOptions):
+_SWITCHES: Final = ("SN_CEC_TABLE_ENABLE", "MA_CEC_ENABLE")
+
+
+class CecOptions(SignedOptions, HomeOptions):
     """Options of CEC tables."""
 
     numbering: ClassVar[str] = "axes"
+    layout: ClassVar[frozenset[str]] = frozenset(
+        ("first_table", "most_tables", "most_points", "spacing_mm", "decimals", "home_mm")
+    )
 
     axes: dict[Axis, Label] = Field(
         default_factory=lambda: {"x": "AX1", "y": "AX2", "z": "AX3"},
@@ -82,7 +90,7 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
     factor, number = factor_of(options.sign), options.first_table
     unit_um = 10.0**-options.decimals * UM_PER_MM
     lines = [f"%{FILE}", "CHANDATA(1)"]
-    lines += [f"; {x}" for x in head(table.origin, TITLE, STATUS.value, SIGN_WORDS[options.sign])]
+    lines += [f"; {x}" for x in head(table.origin, SIEMENS_CEC, options)]
     held = []
     for curve in table.curves.values():
         loaded = _evenly(curve, options).rounded(unit_um)
@@ -104,7 +112,8 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
         held,
         [
             "load CEC tables with MD 32710 CEC_ENABLE off, then switch it on with SD 41300 "
-            "CEC_TABLE_ENABLE of each table"
+            "CEC_TABLE_ENABLE of each table",
+            *steps_at_home(held, options, "as soon as the tables act"),
         ],
     )
 
@@ -141,10 +150,23 @@ def _name_of(axis: str, options: CecOptions) -> str:
 
 def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
     factor = factor_of(options.sign) * UM_PER_MM
+    reading = Reading("CEC tables ($AN_CEC[t,N]=…)")
     sides: dict[tuple[str, int], tuple[list[float], list[float]]] = {}
     for file in files:
-        for number, table in _tables_of(file).items():
-            field = f"files.{file.name}.table {number}"
+        read = program(file, "AN_CEC", _SWITCHES, reading)
+        tables = _tables_of(read)
+        outputs = {number: _output_of(table, file, number) for number, table in tables.items()}
+        axis_switches = {name: read.switch("MA_CEC_ENABLE", name) for name in outputs.values()}
+        for number, table in tables.items():
+            field = _field(file, number)
+            why_not = (
+                switched_off(read.switch("SN_CEC_TABLE_ENABLE", str(number)))
+                or switched_off(axis_switches[outputs[number]])
+                or _not_ours(table, options, field)
+            )
+            if why_not is not None:
+                reading.leave_aside(f"table {number} of {file.name}", why_not)
+                continue
             code = _code_of(table, options, field)
             direction = _direction_of(table, field)
             if (
@@ -156,13 +178,14 @@ def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
                 )
             at = table.grid(_PLACED, field)
             sides[code, direction] = (at, [value * factor for value in table.ordered()])
-    curves = {code: _joined(code, sides) for code, _ in sides}
-    return parsed(curves, files, "CEC tables ($AN_CEC[t,N]=…)")
+        read.leave_rest_aside(reading)
+    reading.curves.update((code, _joined(code, sides)) for code, _ in sides)
+    return reading.parsed(files)
 
 
-def _tables_of(file: ControllerFile) -> dict[int, EvenTable]:
+def _tables_of(read: Program) -> dict[int, EvenTable]:
     tables: dict[int, EvenTable] = {}
-    for given in assignments(file, "AN_CEC"):
+    for given in read.assignments:
         table = tables.setdefault(given.number(0), EvenTable.empty())
         if given.name == "AN_CEC":
             table.set_value(given, given.number(1), given.line.error_mm(given.value))
@@ -173,20 +196,34 @@ def _tables_of(file: ControllerFile) -> dict[int, EvenTable]:
     return tables
 
 
+_AXES: Final = ("AN_CEC_OUTPUT_AXIS", "AN_CEC_INPUT_AXIS")
+
+
+def _field(file: ControllerFile, number: int) -> str:
+    return f"files.{file.name}.table {number}"
+
+
+def _output_of(table: EvenTable, file: ControllerFile, number: int) -> str:
+    return table.setting(_AXES[0], _field(file, number)).value.upper()
+
+
+def _not_ours(table: EvenTable, options: CecOptions, field: str) -> str | None:
+    """Say which axis of a table is none of those that the options name; None if both are."""
+    names = {name.upper() for name in options.axes.values()}
+    others = [v for name in _AXES if (v := table.setting(name, field).value.upper()) not in names]
+    if not others:
+        return None
+    return f"{others[0]} is none of the axes {list_names(sorted(names))} (options.axes)"
+
+
 def _code_of(table: EvenTable, options: CecOptions, field: str) -> str:
     axes = {name.upper(): axis for axis, name in options.axes.items()}
-    found = []
-    for name in ("AN_CEC_OUTPUT_AXIS", "AN_CEC_INPUT_AXIS"):
-        given = table.setting(name, field)
-        axis = axes.get(given.value.upper())
-        if axis is None:
-            raise given.line.refuse(f"one of the axes {sorted(axes)} (options.axes)")
-        found.append(axis)
+    output, moving = (axes[table.setting(name, field).value.upper()] for name in _AXES)
     for name in ("AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO"):
         flag = table.setting(name, field)  # one that is missing keeps what it was
         if flag.value != "0":
             raise flag.line.refuse("0: a table that multiplies or repeats is no error of an axis")
-    return curve_code(found[0], found[1])
+    return curve_code(output, moving)
 
 
 def _direction_of(table: EvenTable, field: str) -> int:
@@ -238,7 +275,7 @@ SIEMENS_CEC: Final = Format(
     status=STATUS,
     holds=TRANSLATIONS,
     folds=True,
-    both_directions=True,
+    both_directions=TRANSLATIONS,
     options=CecOptions,
     render=_render,
     parse=_parse,

@@ -7,7 +7,7 @@ an axis, the same in both directions, 0 at the reference point.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from pydantic import Field
 
@@ -15,28 +15,27 @@ from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     Axis,
     ControllerFile,
     Count,
     Format,
     Label,
     Parsed,
+    Reading,
     ReferenceOptions,
     Rendered,
     Spacing,
     Status,
-    add_curve,
     axes_of,
     component_named,
     curve_code,
     of_axis,
-    parsed,
 )
 from app.controllers.grids import even_positions
-from app.controllers.lines import fixed, head
-from app.controllers.siemens import END, EvenTable, assignments
-from app.errors import InvalidContent
+from app.controllers.heads import head
+from app.controllers.lines import fixed
+from app.controllers.siemens import END, EvenTable, Program, program, switched_off
+from app.errors import list_names
 from app.units import UM_PER_MM
 
 FILE: Final = "_N_AX_EEC_INI"
@@ -47,6 +46,8 @@ _KNOWN: Final = frozenset((*_PLACED, "AA_ENC_COMP_IS_MODULO"))
 
 class EncCompOptions(ReferenceOptions):
     """Options of encoder compensation."""
+
+    layout: ClassVar[frozenset[str]] = frozenset(("most_points", "spacing_mm", "decimals"))
 
     axes: dict[Axis, Label] = Field(
         default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"},
@@ -66,8 +67,8 @@ class EncCompOptions(ReferenceOptions):
 
 def _render(table: ErrorTable, options: EncCompOptions) -> Rendered:
     unit_um = 10.0**-options.decimals * UM_PER_MM
-    lines = [f"%{FILE}"]
-    lines += [f"; {x}" for x in head(table.origin, TITLE, Status.MANUAL.value, SIGN_WORDS["error"])]
+    lines = [f"%{FILE}", "CHANDATA(1)"]
+    lines += [f"; {x}" for x in head(table.origin, SIEMENS_ENC_COMP, options)]
     held = []
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
@@ -111,30 +112,32 @@ def _lines(curve: Curve, name: str, options: EncCompOptions) -> list[str]:
 
 
 def _parse(files: Sequence[ControllerFile], options: EncCompOptions) -> Parsed:
-    curves: dict[str, Curve] = {}
+    reading = Reading("ENC_COMP tables ($AA_ENC_COMP[e,N,X1]=…)")
     axes = {name.upper(): axis for axis, name in options.axes.items()}
     for file in files:
-        for (encoder, name), table in _tables_of(file).items():
+        read = program(file, "AA_ENC_COMP", ("MA_ENC_COMP_ENABLE",), reading)
+        for (encoder, name), table in _tables_of(read).items():
             field = f"files.{file.name}.{name}"
+            why_not = switched_off(read.switch("MA_ENC_COMP_ENABLE", str(encoder), name))
             if name not in axes:
-                raise InvalidContent.of_field(
-                    field, f"expected one of the axes {sorted(axes)} (options.axes), got {name!r}"
-                )
-            if encoder != options.encoder:
-                raise InvalidContent.of_field(
-                    field, f"expected encoder {options.encoder} (options.encoder), got {encoder}"
-                )
+                why_not = f"it is none of the axes {list_names(sorted(axes))} (options.axes)"
+            elif encoder != options.encoder:
+                why_not = f"it is not of encoder {options.encoder} (options.encoder)"
+            if why_not is not None:
+                reading.leave_aside(f"{name}, encoder {encoder}, of {file.name}", why_not)
+                continue
             table.setting("AA_ENC_COMP_IS_MODULO", field)  # one that is missing keeps what it was
             at = table.grid(_PLACED, field)
             values = [value * UM_PER_MM for value in table.ordered()]
             code = curve_code(axes[name], axes[name])
-            add_curve(curves, Curve(component_named(code), frozen(at), frozen(values)), file.name)
-    return parsed(curves, files, "ENC_COMP tables ($AA_ENC_COMP[e,N,X1]=…)")
+            reading.add(Curve(component_named(code), frozen(at), frozen(values)), file.name)
+        read.leave_rest_aside(reading)
+    return reading.parsed(files)
 
 
-def _tables_of(file: ControllerFile) -> dict[tuple[int, str], EvenTable]:
+def _tables_of(read: Program) -> dict[tuple[int, str], EvenTable]:
     tables: dict[tuple[int, str], EvenTable] = {}
-    for given in assignments(file, "AA_ENC_COMP"):
+    for given in read.assignments:
         wanted = 3 if given.name == "AA_ENC_COMP" else 2
         if len(given.indices) != wanted:
             raise given.line.refuse("indices such as [0,0,X1], or [0,X1] for a setting")
@@ -161,7 +164,7 @@ SIEMENS_ENC_COMP: Final = Format(
     status=Status.MANUAL,
     holds=LINEAR,
     folds=False,
-    both_directions=False,
+    both_directions=(),
     options=EncCompOptions,
     render=_render,
     parse=_parse,

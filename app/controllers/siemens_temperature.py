@@ -7,6 +7,7 @@ by least squares along the axis; what it leaves is the deviation that the export
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -17,27 +18,26 @@ from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
-    SIGN_WORDS,
     Axis,
     ControllerFile,
     Format,
     Label,
     Length,
     Parsed,
+    Reading,
     Rendered,
     SignedOptions,
     Status,
-    add_curve,
     axes_of,
     component_named,
     curve_code,
     factor_of,
     of_axis,
-    parsed,
 )
-from app.controllers.lines import LARGEST_ERROR_MM, fixed, head
-from app.controllers.siemens import END, Assignment, assignments
-from app.errors import InvalidContent
+from app.controllers.heads import head
+from app.controllers.lines import LARGEST_ERROR_MM, fixed
+from app.controllers.siemens import END, Assignment, off_by, program
+from app.errors import InvalidContent, list_names
 from app.units import UM_PER_MM
 
 TITLE: Final = "Siemens temperature compensation (setting data)"
@@ -64,9 +64,7 @@ class TemperatureOptions(SignedOptions):
 
 def _render(table: ErrorTable, options: TemperatureOptions) -> Rendered:
     factor = factor_of(options.sign)
-    lines = [
-        f"; {x}" for x in head(table.origin, TITLE, Status.MANUAL.value, SIGN_WORDS[options.sign])
-    ]
+    lines = [f"; {x}" for x in head(table.origin, SIEMENS_TEMPERATURE, options)]
     held = []
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
@@ -112,23 +110,51 @@ def _fit(curve: Curve, p0_mm: float) -> tuple[float, float]:
 def _parse(files: Sequence[ControllerFile], options: TemperatureOptions) -> Parsed:
     factor = factor_of(options.sign)
     axes = {name.upper(): axis for axis, name in options.axes.items()}
-    curves: dict[str, Curve] = {}
+    reading = Reading("temperature compensation ($SA_TEMP_COMP_SLOPE[X1]=…)")
     for file in files:
         given: dict[tuple[str, str], Assignment] = {}
-        for one in assignments(file, "SA_TEMP_COMP"):
-            if one.name not in NAMES or len(one.indices) != 1 or one.indices[0] not in axes:
-                raise one.line.refuse(f"{', '.join(NAMES)} of one of the axes {sorted(axes)}")
+        read = program(file, "SA_TEMP_COMP", (_TYPE,), reading)
+        for one in read.assignments:
+            if one.name not in NAMES or len(one.indices) != 1:
+                raise one.line.refuse(f"{', '.join(NAMES)} of an axis")
             if (one.name, one.indices[0]) in given:
                 raise one.line.refuse("each setting once")
             given[one.name, one.indices[0]] = one
         for name in dict.fromkeys(name for _, name in given):
-            curve = _line(given, name, axes[name], factor, file.name)
-            add_curve(curves, curve, file.name)
-    return parsed(curves, files, "temperature compensation ($SA_TEMP_COMP_SLOPE[X1]=…)")
+            switch = read.switch(_TYPE, name)
+            active = _BOTH if switch is None else _parts(switch)
+            why_not = off_by(switch) if switch is not None and not active else None
+            if name not in axes:
+                why_not = f"it is none of the axes {list_names(sorted(axes))} (options.axes)"
+            if why_not is not None:
+                reading.leave_aside(f"{name} of {file.name}", why_not)
+                continue
+            reading.add(_line(given, name, axes[name], factor, file.name, active), file.name)
+        read.leave_rest_aside(reading)
+    return reading.parsed(files)
+
+
+_TYPE: Final = "MA_TEMP_COMP_TYPE"
+_CONSTANT: Final = 1
+_SLOPE: Final = 2
+_BOTH: Final = _CONSTANT | _SLOPE
+_TYPES: Final = re.compile(r"H?0*[0-7]", re.ASCII)
+
+
+def _parts(switch: Assignment) -> int:
+    """Read machine data 32750: bit 0 switches K0 on, bit 1 the slope."""
+    if not _TYPES.fullmatch(switch.value):
+        raise switch.line.refuse(f"${_TYPE} from 0 to 7")
+    return int(switch.value[-1]) & _BOTH
 
 
 def _line(
-    given: dict[tuple[str, str], Assignment], name: str, axis: str, factor: float, file: str
+    given: dict[tuple[str, str], Assignment],
+    name: str,
+    axis: str,
+    factor: float,
+    file: str,
+    active: int,
 ) -> Curve:
     missing = [setting for setting in NAMES if (setting, name) not in given]
     if missing:
@@ -140,6 +166,8 @@ def _line(
     steep = slope.line.number_of(slope.value, "a slope")
     if not math.fabs(steep) <= _STEEPEST:
         raise slope.line.refuse(f"a slope within ±{_STEEPEST:g}")
+    value_mm = value_mm if active & _CONSTANT else 0.0
+    steep = steep if active & _SLOPE else 0.0
     at = frozen([at_mm, at_mm + _SHOWN_MM])
     errors = factor * (value_mm + steep * (at - at_mm)) * UM_PER_MM
     return Curve(component_named(curve_code(axis, axis)), at, errors, endless=True)
@@ -155,7 +183,7 @@ SIEMENS_TEMPERATURE: Final = Format(
     status=Status.MANUAL,
     holds=LINEAR,
     folds=False,
-    both_directions=False,
+    both_directions=(),
     options=TemperatureOptions,
     render=_render,
     parse=_parse,

@@ -15,11 +15,12 @@ from app.controllers.format import (
     Format,
     Options,
     Parsed,
+    Reading,
     Rendered,
     Status,
-    parsed,
 )
-from app.controllers.lines import Line, head, lines_of, plain
+from app.controllers.heads import head
+from app.controllers.lines import Line, lines_of, plain
 from app.geometry.components import COMPONENTS, Component
 
 TITLE: Final = "thermap CSV"
@@ -30,15 +31,15 @@ _LARGEST: Final = 1e5
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
     signs = "error = actual minus nominal, compensation = minus the error"
-    lines = [f"# {x}" for x in head(table.origin, TITLE, Status.OURS.value, signs)]
+    lines = [f"# {x}" for x in head(table.origin, THERMAP_CSV, options, signs)]
+    lines.append(COLUMNS)
     held = []
     for curve in table.curves.values():
         loaded = curve.rounded(10.0**-_DECIMALS)
         positions = np.round(curve.positions_mm, _DECIMALS)
         held.append(Curve(curve.component, positions, loaded.errors, loaded.backward_errors))
         lines += _rows(held[-1], table.statuses.get(curve.code, ""))
-    content = "\n".join([*lines[:4], COLUMNS, *lines[4:]]) + "\n"
-    return Rendered([ControllerFile("thermap.csv", content)], held)
+    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], held)
 
 
 def _rows(curve: Curve, status: str) -> list[str]:
@@ -68,8 +69,9 @@ def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
             if before and position <= before[-1][0]:
                 raise line.refuse(f"increasing positions of {code}")
             before.append((position, error))
-    curves = {code: _curve(code, rows) for code in COMPONENTS if any(c == code for c, _ in rows)}
-    return parsed(curves, files, "rows of components")
+    reading = Reading("rows of components")
+    reading.curves.update((code, _curve(code, rows)) for code, _ in rows)
+    return reading.parsed(files)
 
 
 def _row(line: Line) -> tuple[str, str, float, float]:
@@ -116,7 +118,7 @@ THERMAP_CSV: Final = Format(
     status=Status.OURS,
     holds=tuple(COMPONENTS),
     folds=False,
-    both_directions=True,
+    both_directions=tuple(COMPONENTS),
     options=Options,
     render=_render,
     parse=_parse,

@@ -11,9 +11,8 @@ from app.controllers.bands import Band, temperature_bands
 from app.controllers.compare import Comparison, compare
 from app.controllers.curve import Curve
 from app.controllers.error_table import ErrorTable
-from app.controllers.export import Export, Resampled, export, wanted_of
+from app.controllers.export import Export, Resampled, export, holdable, wanted_of
 from app.controllers.format import (
-    CHECK_FILE,
     ControllerFile,
     Format,
     Joint,
@@ -21,8 +20,9 @@ from app.controllers.format import (
     Options,
     Parsed,
 )
+from app.controllers.read import read_files
 from app.controllers.registry import format_named, options_of
-from app.errors import InvalidContent, ThermapError, UnknownThing, repeated
+from app.errors import ThermapError, UnknownThing
 from app.services.ask_field import FieldQuestion, ask_field
 from app.services.context import Context
 from app.services.live_table import table_at
@@ -195,8 +195,8 @@ def writable_components(context: Context, machine_id: str, controller: Format) -
         raise
     except ThermapError:
         return ()
-    source = table.folded() if controller.folds else table
-    return [code for code in controller.holds if code in source.curves]
+    source, _ = holdable(controller, table)
+    return list(source.curves)
 
 
 def parse_files(
@@ -208,10 +208,8 @@ def parse_files(
     ----------
     controller_name
         Name of the format.
-    files
-        All files of one controller; the check table that lies beside an export is left aside.
-    stated
-        The format's options.
+    files, stated
+        As `read_files`.
 
     Raises
     ------
@@ -219,12 +217,8 @@ def parse_files(
         If there is no such format, an option is wrong, or a file would be read wrongly.
     """
     controller = format_named(controller_name)
-    options = options_of(controller, stated)
-    twice = repeated(file.name for file in files)
-    if twice:
-        raise InvalidContent.of_field("files", f"expected each name once, got {twice[0]!r} twice")
-    read = [file for file in files if file.name.rpartition("/")[2] != CHECK_FILE]
-    return controller, options, controller.parse(read, options)
+    options, parsed = read_files(controller, files, stated)
+    return controller, options, parsed
 
 
 def compare_files(

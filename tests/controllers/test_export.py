@@ -14,6 +14,7 @@ from app.controllers.curve import difference
 from app.controllers.export import export
 from app.controllers.format import Parsed
 from app.controllers.grids import even_grid, even_positions
+from app.controllers.read import read_files
 from app.controllers.registry import FORMATS, format_named
 from app.errors import InvalidContent
 from tests.controllers.example_tables import curve, curves, error_table, options_for, read_back
@@ -95,6 +96,94 @@ def test_an_axis_before_the_absent_one_needs_no_word():
     lathe = replace(x, origin=replace(x.origin, axes=("z", "x")))
     found = export(format_named("linuxcnc"), lathe, options_for("linuxcnc"))
     assert not any("the machine has no" in w for w in found.warnings)
+
+
+LATHE_OPTIONS = {name: stated for name, _, _, stated in NUMBERED}
+
+
+@pytest.mark.parametrize("options", ["default", "advised"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_would_move_an_axis_that_a_lathe_lacks_is_not_held(name, options):
+    """EYX and EYZ are errors of a lathe, and nothing of it can move in Y."""
+    controller = format_named(name)
+    codes = ["EXX", "EYX", "EZX", "EYZ", "EZZ"]
+    table = error_table(
+        *(curve(code, [0.0, 100.0, 200.0], [0.0, 3.0, 5.0]) for code in codes),
+        curve("SYZ", [], [30.0]),
+        sizes_um={"EYX": 5.0, "EYZ": 5.0, "SYZ": 6.0},
+        ranges_mm={"x": (0.0, 200.0), "z": (0.0, 200.0)},
+    )
+    lathe = replace(table, origin=replace(table.origin, axes=("z", "x")))
+    stated = LATHE_OPTIONS.get(name, {}) if options == "advised" else {}
+    found = export(controller, lathe, options_for(name, **stated))
+    left = {one.component: one.why for one in found.not_held}
+    for code in ("EYX", "EYZ", "SYZ"):
+        assert left[code] == "the machine has no axis Y that could move so"
+    assert {one.code for one in found.held} == {"EXX", "EZX", "EZZ"} & set(controller.holds)
+    assert not any(check.moved_axis == "y" for check in found.check)
+    read = read_back(name, found, options_for(name, **stated))
+    assert not {"EYX", "EYZ", "EYY"} & set(read.curves)
+    with pytest.raises(InvalidContent, match=r"EYX.*the machine has no axis Y"):
+        export(controller, lathe, options_for(name, components=["EYX"]))
+
+
+def test_each_joint_of_a_gantry_has_the_table():
+    stated = {"x": [0, 1], "y": 2, "z": 3}
+    options = options_for("linuxcnc", joints=stated)
+    found = export(format_named("linuxcnc"), TABLE, options)
+    (ini,) = [file.content for file in found.files if file.name == "thermap.ini"]
+    for joint in (0, 1):
+        assert f"[JOINT_{joint}]\nCOMP_FILE = x.comp\nCOMP_FILE_TYPE = 1\n" in ini
+    assert read_back("linuxcnc", found, options).curves["EXX"].at(np.array([200.0])) == 8.0
+    typed = options_for("linuxcnc", joints={"x": "0, 1", "y": "2"})
+    assert typed.joints == {"x": (0, 1), "y": 2}
+    for wrong in ([], [0, 0], [0, 16], "0;1", 1.5, True, [[0]], {"a": 1}):
+        with pytest.raises(InvalidContent, match=r"options\.joints\.x: expected a joint from 0 to"):
+            options_for("linuxcnc", joints={"x": wrong})
+    with pytest.raises(InvalidContent, match="expected each joint once"):
+        export(format_named("linuxcnc"), TABLE, options_for("linuxcnc", joints={"x": 0, "y": 0}))
+
+
+def test_a_value_that_the_reader_would_refuse_is_not_written():
+    """At the reference point the curve is 8 mm, so that its other end becomes −15 mm."""
+    table = error_table(curve("EXX", [0.0, 500.0, 1000.0], [-7000.0, 0.0, 8000.0]))
+    for name in ("siemens-enc-comp", "fagor"):
+        with pytest.raises(InvalidContent, match="within ±10 mm in the file, got 15000 µm"):
+            export(format_named(name), table, options_for(name, reference_mm={"x": 1000.0}))
+        found = export(format_named(name), table, options_for(name, reference_mm={"x": 500.0}))
+        assert read_back(name, found, options_for(name)).curves["EXX"].errors[0] == -7000.0
+
+
+CROSSES = error_table(
+    curve("EYY", [0.0, 100.0], [0.0, 2.0], [1.0, 4.0]),
+    curve("EXY", [-100.0, 100.0], [4.0, 8.0], [0.0, 2.0]),
+)
+
+
+def test_fagors_crosses_are_the_mean_of_both_directions_and_0_at_machine_zero():
+    controller, options = format_named("fagor"), options_for("fagor")
+    found = export(controller, CROSSES, options)
+    exy = next(one for one in found.held if one.code == "EXY")
+    assert exy.errors == pytest.approx([-1.5, 1.5])
+    assert exy.at(np.zeros(1)) == pytest.approx([0.0])
+    (half,) = [one for one in found.not_held if "both directions" in one.why]
+    assert (half.component, half.largest) == ("EXY", 3.0)
+    compared = compare(controller, CROSSES, read_back("fagor", found, options), options)
+    assert [one.difference.largest for one in compared.components] == pytest.approx([0.0, 0.0])
+
+
+def test_a_motor_that_steps_when_cec_begins_to_act_is_warned_of():
+    def steps(**options):
+        found = export(format_named("siemens-cec"), TABLE, options_for("siemens-cec", **options))
+        return [w for w in found.warnings if "steps by" in w]
+
+    (warning,) = steps()
+    assert "the motor of x steps by -2.0 µm as soon as the tables act" in warning
+    assert "(X 0 mm, Y 0 mm) is not 0" in warning
+    x, y = steps(home_mm={"x": 200.0, "y": 400.0})
+    # EXX 8 µm and EXY −10 µm: forward they take part of each other away, backward 6 − 10.
+    assert "x steps by 4.0 µm" in x
+    assert "y steps by -9.1 µm" in y
 
 
 def test_squareness_is_folded_into_straightness_over_the_whole_axis():
@@ -205,6 +294,69 @@ def test_another_machines_files_are_refused():
     far = Parsed({"EXX": curve("EXX", [3000.0, 4000.0], [0.0, 1.0])})
     with pytest.raises(InvalidContent, match="within the axis' 0 to 200 mm"):
         compare(controller, TABLE, far, options)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_files_say_themselves_how_they_were_written(name):
+    """Whoever compares need not know the options, and cannot state others."""
+    controller = format_named(name)
+    options = options_for(name, components=["EXX"])
+    found = export(controller, TABLE, options)
+    stated, read = read_files(controller, found.files, {})
+    compared = compare(controller, TABLE, read, stated)
+    assert [one.component for one in compared.components] == ["EXX"]
+    assert not any("do not say of which machine" in w for w in compared.warnings)
+    for option, value in DIFFERENT.get(name, {}).items():
+        with pytest.raises(
+            InvalidContent, match=rf"options\.{option}: expected .* says that it was"
+        ):
+            read_files(controller, found.files, {option: value})
+    with pytest.raises(InvalidContent, match=r"options\.components: expected \['EXX'\]"):
+        read_files(controller, found.files, {"components": ["EYY"]})
+
+
+DIFFERENT = {
+    "linuxcnc": {"linear_units": "inch", "type": 0, "joints": {"x": 1}},
+    "siemens-cec": {"sign": "compensation", "axes": {"x": "X1"}},
+    "siemens-enc-comp": {"encoder": 1, "axes": {"x": "AX1"}},
+    "siemens-temperature": {"sign": "error"},
+    "fanuc": {"sign": "compensation", "detection_unit_um": 0.1, "numbers": {"x": 2}},
+    "heidenhain": {"sign": "error", "columns": {"x": 2}},
+    "mdsi": {"sign": "compensation", "counts_per_mm": 1000.0},
+}
+
+
+def test_files_of_an_inch_machine_are_compared_without_stating_it():
+    controller = format_named("linuxcnc")
+    found = export(controller, TABLE, options_for("linuxcnc", linear_units="inch"))
+    files = [file for file in found.files if file.name in ("x.comp", "thermap.ini")]
+    stated, read = read_files(controller, files, {})
+    (exx,) = compare(controller, TABLE, read, stated).components
+    assert abs(exx.difference.largest) < 1e-3
+    assert read.warnings == []
+
+
+def test_files_that_name_no_machine_or_two_are_seen():
+    controller, options = format_named("fanuc"), options_for("fanuc")
+    dat, check = export(controller, TABLE, options).files
+    _, alone = read_files(controller, [dat], {"sign": "error"})
+    assert any("do not say of which machine" in w
+               for w in compare(controller, TABLE, alone, options).warnings)  # fmt: skip
+    other = replace(check, content=check.content.replace("machine mcfv5050", "machine lathe"))
+    _, foreign = read_files(controller, [dat, other], {})
+    with pytest.raises(InvalidContent, match="machine 'mcfv5050', got those of 'lathe'"):
+        compare(controller, TABLE, foreign, options)
+    two = [dat, check, replace(other, name="b/thermap-check.txt")]
+    with pytest.raises(InvalidContent, match="files of one machine, got mcfv5050 and lathe"):
+        read_files(controller, two, {})
+    signs = replace(check, name="b/thermap-check.txt", content=check.content.replace(
+        'sign = "error"', 'sign = "compensation"'))  # fmt: skip
+    with pytest.raises(InvalidContent, match="were written with different options"):
+        read_files(controller, [dat, check, signs], {})
+    for damaged in ('"error', "[" * 3000, '"' + "e" * 5000 + '"'):
+        broken = replace(check, content=check.content.replace('"error"', damaged))
+        with pytest.raises(InvalidContent, match="the option sign as it was written, in JSON"):
+            read_files(controller, [dat, broken], {})
 
 
 # -- temperature bands -------------------------------------------------------------------------

@@ -108,7 +108,7 @@ class ControllerAnswer(Schema):
             status=controller.status.value,
             holds=list(controller.holds),
             squareness_in_straightness=controller.folds,
-            both_directions=controller.both_directions,
+            both_directions=bool(controller.both_directions),
             options=[OptionAnswer.of(option) for option in option_fields(controller)],
         )
 
