@@ -1600,6 +1600,16 @@ class SensorNow(Shape):
     age_s: float | None
     """How old that is [s]"""
 
+    interval_s: float | None
+    """How far apart its readings usually are [s]; null where they do not come by the clock, or too
+    few have come
+    """
+
+    is_late: bool
+    """Whether the next one should have come: after five usual intervals, not before 15 s, twice the
+    longest of the latest intervals, or five of those at which its sender sends
+    """
+
     rate_k_per_h: float | None
     """How fast it changes now [K/h], over the last half hour or, where its course bends, the last
     minutes; null where that is not known
@@ -2993,6 +3003,7 @@ class MachineStatus(Shape):
         "held",
         "effect-missing",
         "incomplete",
+        "late",
         "drifting",
         "stand-in",
         "fresh",

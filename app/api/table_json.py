@@ -67,7 +67,16 @@ def current_table_json(current: CurrentTable, *, stepping: bool | None = None) -
         "reading_time": state.reading.time,
         "reading_age_s": state.age_s,
         "stale": is_stale(state),
-        "sensors": [sensor._asdict() for sensor in state.sensors],
+        "sensors": [
+            {
+                "sensor": sensor.sensor,
+                "health": sensor.health,
+                "temperature_c": sensor.temperature_c,
+                "age_s": sensor.age_s,
+                "detail": sensor.detail,
+            }
+            for sensor in state.sensors
+        ],
     }
     if stepping is not None:
         fields["stepping"] = stepping

@@ -99,7 +99,7 @@ def _sensors(sensors: Sequence[SensorNow]) -> RenderableType:
             _number(one.rate_k_per_h, "+.1f"),
             _number(one.age_s, ".0f", " s"),
             maps,
-            one.detail or one.health,
+            one.detail or ("late" if one.is_late else one.health),
         )
     return or_nothing(table, "no sensors")
 

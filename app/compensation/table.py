@@ -209,12 +209,12 @@ def compensation_table(
     usable: dict[str, float] = {}
     stale: dict[str, float] = {}
     failures: dict[str, str] = {}
-    for name, health, temperature_c, _, detail in sensors:
-        if health is not Health.OK:
-            failures[name] = detail
-        if temperature_c is not None and health in (Health.OK, Health.STALE):
-            into = usable if health is Health.OK else stale
-            into[name] = temperature_c
+    for one in sensors:
+        if one.health is not Health.OK:
+            failures[one.sensor] = one.detail
+        if one.temperature_c is not None and one.health in (Health.OK, Health.STALE):
+            into = usable if one.health is Health.OK else stale
+            into[one.sensor] = one.temperature_c
     try:
         states = model.errors_at(usable, stale)
     except SensorUnavailable as error:

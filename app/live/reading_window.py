@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
+from statistics import median
 from threading import Lock
 
 import numpy as np
@@ -14,7 +15,14 @@ import numpy as np
 from app.arrays import IntArray
 from app.thermal.machine import Machine, Sensor
 from app.thermal.reading import Reading
-from app.thermal.sensor_health import SensorState, assess_sensors, record_needed_s
+from app.thermal.sensor_health import (
+    MISSED,
+    RECENT,
+    JudgedRecord,
+    SensorState,
+    judged_record,
+    record_needed_s,
+)
 from app.thermal.temperature_history import TemperatureHistory
 
 LIMIT = 720
@@ -60,6 +68,41 @@ class HeldReadings:
         return bool(self.used and self.used[-1].time > until)
 
 
+class _Arrivals:
+    """How readings arrive: one by one or many together, at once or some time after they were taken.
+
+    What is sent every minute is not late for a minute, though it was read every second.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[str, datetime] = {}
+        self._steps_s: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._delays_s: deque[float] = deque(maxlen=RECENT)
+
+    def note(self, new: Sequence[Reading], until: datetime) -> None:
+        """Note what came together at a time."""
+        came: dict[str, datetime] = {}
+        for reading in new:
+            if reading.time <= until:
+                for sensor in reading.temperatures_c:
+                    came[sensor] = max(reading.time, came.get(sensor, reading.time))
+        for sensor, time in came.items():
+            before = self._newest.get(sensor)
+            if before is not None and time > before:
+                self._steps_s[sensor].append((time - before).total_seconds())
+            self._newest[sensor] = max(time, before or time)
+        if came:
+            self._delays_s.append((until - max(came.values())).total_seconds())
+
+    def patient(self, state: SensorState) -> SensorState:
+        """Let a sensor be late no sooner than its sender is."""
+        if state.late_after_s is None:
+            return state
+        step_s = median(self._steps_s[state.sensor] or (0.0,))
+        late_after_s = max(state.late_after_s, MISSED * step_s) + min(self._delays_s, default=0.0)
+        return state._replace(late_after_s=late_after_s)
+
+
 class ReadingWindow:
     """Readings in order of time, as far back as a judgement of the sensors needs them.
 
@@ -70,7 +113,8 @@ class ReadingWindow:
     def __init__(self) -> None:
         self.held = HeldReadings()
         self._lock = Lock()
-        self._judged: tuple[tuple[Reading, ...], Machine, list[SensorState]] | None = None
+        self._arrivals = _Arrivals()
+        self._judged: tuple[tuple[Reading, ...], Machine, JudgedRecord] | None = None
 
     @property
     def latest(self) -> Reading | None:
@@ -94,6 +138,7 @@ class ReadingWindow:
             if not new and held.is_as_of(until):
                 return [reading for reading in came if reading.time <= until]
             self.held = _split([*new, *held.used, *held.ahead], machine, until, held)
+            self._arrivals.note(new, until)
             # One that was ahead can come again: it is taken once.
             usable = {r.time: r for r in (*came, *held.ahead) if r.time <= until}
             return [*usable.values()]
@@ -113,15 +158,21 @@ class ReadingWindow:
             )
             self.held = HeldReadings(used, ahead, held.more_ahead)
 
-    def judge(self, machine: Machine) -> list[SensorState]:
+    def judge(self, machine: Machine) -> Sequence[SensorState]:
         """Judge every sensor at the time of the latest reading."""
+        return self.record(machine).states
+
+    def record(self, machine: Machine) -> JudgedRecord:
+        """Judge every value of every sensor."""
         readings = self.held.used
         judged = self._judged
         if judged is None or judged[0] is not readings or judged[1] is not machine:
             history = TemperatureHistory.of_readings(
                 machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
             )
-            judged = (readings, machine, assess_sensors(machine, history))
+            record = judged_record(machine, history)
+            states = [self._arrivals.patient(state) for state in record.states]
+            judged = (readings, machine, replace(record, states=states))
             self._judged = judged
         return judged[2]
 
@@ -156,7 +207,7 @@ def kept_spacing_s(sensors: Iterable[Sensor]) -> float:
 
 
 def _thinned(ordered: Sequence[Reading], machine: Machine) -> tuple[Reading, ...]:
-    """Keep for each sensor its two newest values, and one for each spacing of the window.
+    """Keep for each sensor its newest values, and one for each spacing of the window.
 
     Sensors may report apart from each other, so each has its own reckoning; a sensor's
     newest value stays however old it is. Spacings are counted from 1970, and the first value in
@@ -174,6 +225,8 @@ def _thinned(ordered: Sequence[Reading], machine: Machine) -> tuple[Reading, ...
     for having in _indices_of_sensors(ordered):
         begins = np.append(True, np.diff(places[having]) != 0)
         needed.update(having[begins & overlaps[having]].tolist())
+        newest = having[-RECENT:]
+        needed.update(newest[overlaps[newest]].tolist())
         needed.update(having[-2:].tolist())
     return tuple(ordered[i] for i in sorted(needed))
 

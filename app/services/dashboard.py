@@ -40,11 +40,15 @@ class Course:
     temperatures_c : ndarray, shape (n,) [°C]
     max_gap_s
         Neighbours further apart are not joined [s].
+    rejected_s, rejected_c : ndarray, shape (k,) [s], [°C]
+        What was read and not believed.
     """
 
     times_s: FloatArray
     temperatures_c: FloatArray
     max_gap_s: float
+    rejected_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    rejected_c: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,17 +128,17 @@ def show_machine_views(context: Context) -> list[MachineView]:
 
 
 def _courses(context: Context, live: LiveMachine) -> dict[str, Course]:
-    now_s = context.now().timestamp()
-    readings = [r for r in live.readings.held.used if now_s - r.time.timestamp() <= COURSE_S]
+    machine = live.current.model.machine
+    record = live.readings.record(machine)
     found = {}
-    for name, sensor in live.current.model.machine.sensors.items():
-        own = [
-            (r.time.timestamp() - now_s, r.temperatures_c[name])
-            for r in readings
-            if name in r.temperatures_c
-        ]
-        times, values = np.array(own).T if own else (np.empty(0), np.empty(0))
-        found[name] = Course(times, values, sensor.max_age_s)
+    for name, sensor in machine.sensors.items():
+        times_s, values = record.history.known(name)
+        ages_s = times_s - context.now().timestamp()
+        recent, believed = ages_s >= -COURSE_S, record.are_believed(name)
+        own, rejected = recent & believed, recent & ~believed
+        found[name] = Course(
+            ages_s[own], values[own], sensor.max_age_s, ages_s[rejected], values[rejected]
+        )
     return found
 
 

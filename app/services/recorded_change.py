@@ -21,6 +21,8 @@ from app.services.live_table import table_at
 from app.storage.readings import newest_readings, newest_time, oldest_time
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
+from app.thermal.sensor_health import Health, grow_older, judged_record
+from app.thermal.temperature_history import TemperatureHistory
 
 LOOKED_AT: Final = 150
 """Moments from the last reading back to the first, evenly in time, among which some are chosen."""
@@ -37,8 +39,9 @@ CLEARLY: Final = 1.2
 LEAST: Final = 0.005
 """Less than this is written as nothing [the component's unit]."""
 
-AROUND: Final = 8
-"""Readings that are put together for a moment: not every one has all sensors."""
+AROUND: Final = 30
+"""Readings that are put together for a moment: not every one has all sensors, and a value is judged
+by those before it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,13 +141,20 @@ def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[_M
 def _temperatures(
     machine: Machine, readings: Sequence[Reading], time: datetime
 ) -> dict[str, float]:
-    """Put readings together, in order of time: each sensor's last value that is not too old."""
+    """Put readings together, in order of time: each sensor's last value.
+
+    Without those that are too old by then, or were not to be believed.
+    """
+    if not readings:
+        return {}
+    history = TemperatureHistory.of_readings(
+        machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]
+    )
+    record = judged_record(machine, history)
     return {
-        name: value
-        for reading in readings
-        for name, value in reading.temperatures_c.items()
-        if name in machine.sensors
-        and time - reading.time <= timedelta(seconds=machine.sensor(name).max_age_s)
+        s.sensor: s.temperature_c
+        for s in grow_older(machine, record.states, time.timestamp() - history.times_s[-1])
+        if s.health is Health.OK and s.temperature_c is not None
     }
 
 

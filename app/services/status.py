@@ -26,7 +26,6 @@ from app.storage.events import lasting_since
 from app.storage.limits import QUESTION
 from app.storage.watches import NOT_WATCHED, Watched, watched_machines
 from app.thermal.sensor_health import Health, SensorState
-from app.thermal.temperature_history import TemperatureHistory
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +77,12 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
     current = live.current
     machine = current.model.machine
     watched = stored.watches.get(machine.id, NOT_WATCHED)
-    history = TemperatureHistory.of_readings(
-        machine.sensors,
-        [(r.time.timestamp(), r.temperatures_c) for r in live.readings.held.used],
-    )
     situation = Situation(
         model=current.model,
         model_version=current.version,
         judged_at=context.now(),
         sensors=[SensorState(name, Health.MISSING) for name in machine.sensors],
-        history=history,
+        record=live.readings.record(machine),
         latest=None,
         table=NoReading("no reading has come yet"),
         notes=_notes(context, live),
@@ -103,6 +98,7 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
     situation = replace(
         situation,
         sensors=state.sensors,
+        record=live.readings.record(machine),
         latest=state.reading.time,
         clocks=early_warnings(state.early),
     )

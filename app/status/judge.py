@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray
 from app.compensation.table import (
     CompensationTable,
     ComponentCompensation,
@@ -43,8 +42,7 @@ from app.status.sensor_rate import LONGEST_S, rate_k_per_h
 from app.thermal.bracket import Status
 from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.sensor_health import Health, SensorState, judge_record
-from app.thermal.temperature_history import TemperatureHistory
+from app.thermal.sensor_health import Health, JudgedRecord, SensorState
 
 NO_READING_AGES: Final = 10.0
 """After so many times the age at which a temperature is old, there counts as none."""
@@ -83,8 +81,8 @@ class Situation:
         The active model and its version.
     sensors
         Every sensor's state now.
-    history
-        The latest readings.
+    record
+        The latest readings, each judged.
     latest
         Time of the reading in use, None without any.
     table
@@ -105,7 +103,7 @@ class Situation:
     model_version: int | None
     judged_at: datetime
     sensors: Sequence[SensorState]
-    history: TemperatureHistory
+    record: JudgedRecord
     latest: datetime | None
     table: CompensationTable | ThermapError
     clocks: Sequence[str] = ()
@@ -224,6 +222,7 @@ def _causes(
                 touches=effect.components,
             )
     yield from _incomplete(situation, table)
+    yield from _late(situation, table)
     if situation.watch == "beyond":
         yield Cause(
             State.DRIFTING,
@@ -248,21 +247,50 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
             tuple(c.component.code for c in table.components),
         )
         return
-    machine = situation.model.machine
     for sensor in situation.sensors:
-        if sensor.health is not Health.STALE or sensor.age_s is None:
-            continue
         codes = _resting_on(table, sensor.sensor)
-        measured = situation.judged_at - timedelta(seconds=sensor.age_s)
-        at = _clock(measured, situation.judged_at)
-        verb = "rests" if len(codes) == 1 else "rest"
-        rest = f"{counted(len(codes), 'component')} {verb} on it" if codes else NOTHING_RESTS
-        yield Cause(
-            State.STALE,
-            f"{sensor.sensor} has not been read since {at}: {rest}.",
-            measured + timedelta(seconds=machine.sensors[sensor.sensor].max_age_s),
-            tuple(codes),
-        )
+        if codes and sensor.health is Health.STALE:
+            yield Cause(
+                State.STALE,
+                f"{_not_read(situation, sensor)}: {_rest_on(codes, 'it')}.",
+                _stale_since(situation, sensor),
+                tuple(codes),
+            )
+
+
+def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say in one sentence which sensors should have come again, and what rests on them."""
+    late = {s.sensor: s for s in situation.sensors if s.is_late and _resting_on(table, s.sensor)}
+    if not late:
+        return
+    resting = {code for name in late for code in _resting_on(table, name)}
+    codes = tuple(c.component.code for c in table.components if c.component.code in resting)
+    longest = max(late.values(), key=lambda s: s.age_s or 0.0)
+    measured = situation.judged_at - timedelta(seconds=longest.age_s or 0.0)
+    is_one = len(late) == 1
+    yield Cause(
+        State.LATE,
+        f"{list_names(late, MOST_CODES)} {'has' if is_one else 'have'} not been read since "
+        f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
+        f"{longest.interval_s:.3g} s: {_rest_on(codes, 'it' if is_one else 'them')}.",
+        measured + timedelta(seconds=longest.late_after_s or 0.0),
+        codes,
+    )
+
+
+def _rest_on(codes: Sequence[str], what: str) -> str:
+    verb = "rests" if len(codes) == 1 else "rest"
+    return f"{counted(len(codes), 'component')} {verb} on {what}"
+
+
+def _not_read(situation: Situation, sensor: SensorState) -> str:
+    measured = situation.judged_at - timedelta(seconds=sensor.age_s or 0.0)
+    return f"{sensor.sensor} has not been read since {_clock(measured, situation.judged_at)}"
+
+
+def _stale_since(situation: Situation, sensor: SensorState) -> datetime:
+    max_age_s = situation.model.machine.sensors[sensor.sensor].max_age_s
+    return situation.judged_at - timedelta(seconds=(sensor.age_s or 0.0) - max_age_s)
 
 
 def _outside(
@@ -306,11 +334,9 @@ def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[
         if group_state.status in (Status.CLAMPED, Status.EXTRAPOLATED):
             continue
         scale = group_state.scale
-        times, values = situation.history.known(scale.sensor)
+        times, values = situation.record.believed.known(scale.sensor)
         excess = excess_k(values, scale.temperatures_c)
         recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
-        if recent.size:  # no table rested on what was not believed
-            recent = recent[_are_believed(situation, scale.sensor)[recent]]
         if recent.size:
             until = _time(times[recent[-1]])
             is_clamped = situation.model.machine.out_of_range == "clamp"
@@ -349,17 +375,25 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
         if c.basis.stand_in_for and c.basis.sensor:
             served.setdefault((c.basis.sensor, c.basis.stand_in_for), []).append(c.component.code)
     for (sensor, assigned), codes in served.items():
-        failed = details.get(assigned)
-        why = f": {failed.detail}" if failed and failed.detail else ""
+        failed = details[assigned]
+        is_stale = failed.health is Health.STALE
+        why = _not_read(situation, failed) if is_stale else failed.detail
         yield Cause(
             State.STAND_IN,
-            f"{sensor} stands in for {assigned} in {counted(len(codes), 'component')}{why}.",
-            _failed_since(situation, assigned),
+            f"{sensor} stands in for {assigned} in {counted(len(codes), 'component')}"
+            f"{f': {why}' if why else ''}.",
+            _stale_since(situation, failed) if is_stale else _failed_since(situation, assigned),
         )
     replaced = {assigned for _, assigned in served}
     for state in situation.sensors:
-        if state.health not in (Health.OK, Health.STALE) and state.sensor not in replaced:
-            rest = "" if _resting_on(table, state.sensor) else f"; {NOTHING_RESTS}"
+        if state.health is Health.OK or state.sensor in replaced:
+            continue
+        is_used = bool(_resting_on(table, state.sensor))
+        if state.health is Health.STALE:
+            if not is_used:
+                yield Cause(State.FRESH, f"{_not_read(situation, state)}: {NOTHING_RESTS}.")
+        else:
+            rest = "" if is_used else f"; {NOTHING_RESTS}"
             yield Cause(State.FRESH, f"{state.detail}{rest}.")
 
 
@@ -403,6 +437,8 @@ def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Ite
             temperature_c=sensor.temperature_c,
             age_s=sensor.age_s,
             rate_k_per_h=rates[sensor.sensor],
+            interval_s=sensor.interval_s,
+            is_late=sensor.is_late,
             health=sensor.health,
             detail=sensor.detail,
             outside_maps_k=outside,
@@ -415,7 +451,7 @@ def _rate_k_per_h(situation: Situation, state: SensorState) -> float | None:
     """How fast a sensor that is believed changes [K/h]."""
     if state.health is not Health.OK or situation.latest is None:
         return None
-    times, values = situation.history.known(state.sensor)
+    times, values = situation.record.believed.known(state.sensor)
     recent = times >= situation.latest.timestamp() - LONGEST_S
     resolution_c = situation.model.machine.sensors[state.sensor].resolution_c
     return rate_k_per_h(times[recent], values[recent], resolution_c)
@@ -436,7 +472,7 @@ def _outside_since(
 ) -> datetime | None:
     """Since when a sensor has been outside the maps, as far back as readings or log reach."""
     scale = next(s.scale for s in table.states if s.sensor == one.sensor)
-    times, values = situation.history.known(one.sensor)
+    times, values = situation.record.believed.known(one.sensor)
     inside = np.flatnonzero(excess_k(values, scale.temperatures_c) == 0.0)
     first = int(inside[-1]) + 1 if inside.size else 0
     if first >= times.size:
@@ -447,17 +483,10 @@ def _outside_since(
     return min(_time(times[0]), situation.logged.states.get(state, situation.judged_at))
 
 
-def _are_believed(situation: Situation, sensor: str) -> BoolArray:
-    """Say which of a sensor's known temperatures were believed when they came."""
-    machine = situation.model.machine
-    verdicts = judge_record(machine, machine.sensors[sensor], situation.history)
-    return np.array([health is Health.OK for health in verdicts], dtype=bool)
-
-
 def _failed_since(situation: Situation, sensor: str) -> datetime | None:
     """Since when a sensor has not been believed, as far back as readings or log reach."""
-    times, _ = situation.history.known(sensor)
-    are_believed = _are_believed(situation, sensor)
+    times, _ = situation.record.history.known(sensor)
+    are_believed = situation.record.are_believed(sensor)
     if not times.size or are_believed[-1]:
         return None
     believed = np.flatnonzero(are_believed)

@@ -35,6 +35,7 @@ class State(StrEnum):
     HELD = "held"
     EFFECT_MISSING = "effect-missing"
     INCOMPLETE = "incomplete"
+    LATE = "late"
     DRIFTING = "drifting"
     STAND_IN = "stand-in"
     FRESH = "fresh"
@@ -84,7 +85,7 @@ class Largest(Answer, published_as="LargestValue"):
         """Describe a value of a component, to 0.1 nm or 0.1 nrad."""
         at = position_mm if component.is_table else None
         unit = component.unit.symbol
-        return cls(component.code, round(value, 4), unit, component.axis, at, is_backward)
+        return cls(component.code, round(value, 4) + 0.0, unit, component.axis, at, is_backward)
 
     @property
     def place(self) -> str:
@@ -122,6 +123,12 @@ class SensorNow(Answer):
     """Its latest temperature [°C], null without any"""
     age_s: float | None
     """How old that is [s]"""
+    interval_s: float | None
+    """How far apart its readings usually are [s]; null where they do not come by the clock, or too
+    few have come"""
+    is_late: bool
+    """Whether the next one should have come: after five usual intervals, not before 15 s, twice the
+    longest of the latest intervals, or five of those at which its sender sends"""
     rate_k_per_h: float | None
     """How fast it changes now [K/h], over the last half hour or, where its course bends, the last
     minutes; null where that is not known"""

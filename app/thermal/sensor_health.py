@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +27,28 @@ WINDOWS = 2.0
 to move, half of it for the sensor to follow."""
 
 
+RECENT: Final = 31
+"""Latest readings of a sensor by which it is judged how often it comes."""
+
+FEWEST_INTERVALS: Final = 10
+
+EVEN: Final = 1.5
+"""Readings come by the clock if nine in ten intervals are no longer than so many usual ones."""
+
+
+ONE_WAY: Final = 2.0 / 3.0
+"""Of readings that scatter a third goes on in the direction of the one before."""
+
+MISSED: Final = 5.0
+"""A sensor is late after so many usual intervals."""
+
+AS_LONG_AGAIN: Final = 2.0
+"""It is not late before so many times the longest of its latest intervals."""
+
+LEAST_LATE_S: Final = 15.0
+"""It is not late before this age, in which no temperature goes far: networks stall for seconds."""
+
+
 class Health(StrEnum):
     """What is the matter with a sensor."""
 
@@ -44,7 +68,9 @@ _VERDICTS: Final = (Health.OK, Health.OUT_OF_RANGE, Health.JUMP, Health.STUCK)
 class SensorState(NamedTuple):
     """A sensor's latest value, its age, and whether it can be believed.
 
-    `detail` is a sentence for a person, empty when all is well.
+    `detail` is a sentence for a person, empty when all is well. `interval_s` is how far apart its
+    readings usually are, and `late_after_s` the age at which one is missed [s]; None where they do
+    not come by the clock.
     """
 
     sensor: str
@@ -52,6 +78,49 @@ class SensorState(NamedTuple):
     temperature_c: float | None = None
     age_s: float | None = None
     detail: str = ""
+    interval_s: float | None = None
+    late_after_s: float | None = None
+
+    @property
+    def is_late(self) -> bool:
+        """Whether its next reading should have come: it may have stopped, and is not stale yet."""
+        return (
+            self.health is not Health.STALE
+            and self.age_s is not None
+            and self.late_after_s is not None
+            and self.age_s > self.late_after_s
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedRecord:
+    """A machine's latest readings, each value of each sensor judged by what was known at its time.
+
+    All that is made of recorded temperatures is made of `believed`.
+
+    Parameters
+    ----------
+    history
+        The readings as they came.
+    verdicts
+        Sensor to the place in `_VERDICTS` of each of its known values.
+    states
+        Each sensor at the time of the latest reading.
+    """
+
+    history: TemperatureHistory
+    verdicts: Mapping[str, IntArray]
+    states: Sequence[SensorState]
+
+    @cached_property
+    def believed(self) -> TemperatureHistory:
+        """The same times, NaN where a value was out of range, had jumped, or was stuck."""
+        return _without(self.history, self.verdicts)
+
+    def are_believed(self, sensor: str) -> BoolArray:
+        """Say which of a sensor's known values were believed, shape (n,)."""
+        found: BoolArray = self.verdicts[sensor] == _VERDICTS.index(Health.OK)
+        return found
 
 
 def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) -> list[SensorState]:
@@ -113,8 +182,8 @@ def are_in_range(machine: Machine, readings_c: Sequence[Mapping[str, float]]) ->
     return all(are_in_range(machine, [reading]) for reading in readings_c)
 
 
-def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[SensorState]:
-    """Judge each sensor by its recent readings, at the time of the latest one.
+def judged_record(machine: Machine, history: TemperatureHistory) -> JudgedRecord:
+    """Judge each sensor by its recent readings, and each of these.
 
     Parameters
     ----------
@@ -123,10 +192,15 @@ def assess_sensors(machine: Machine, history: TemperatureHistory) -> list[Sensor
 
     Returns
     -------
-    list of SensorState
-        One a sensor, with the age relative to the latest reading of any sensor.
+    JudgedRecord
+        With a state for each sensor, its age relative to the latest reading of any sensor.
     """
-    return [_assess(machine, sensor, history) for sensor in machine.sensors.values()]
+    verdicts = {name: _verdicts(machine, s, history) for name, s in machine.sensors.items()}
+    states = [
+        _assess(machine, sensor, history, verdicts[sensor.name])
+        for sensor in machine.sensors.values()
+    ]
+    return JudgedRecord(history, verdicts, states)
 
 
 def believed(
@@ -146,14 +220,21 @@ def believed(
     TemperatureHistory
         The same times, NaN where a value was out of range, had jumped, or was stuck.
     """
+    wanted = history.temperatures_c.keys() if sensors is None else sensors
+    verdicts = {
+        name: _verdicts(machine, machine.sensor(name), history)
+        for name in history.temperatures_c
+        if name in wanted
+    }
+    return _without(history, verdicts)
+
+
+def _without(history: TemperatureHistory, verdicts: Mapping[str, IntArray]) -> TemperatureHistory:
     cleaned = {}
-    for name, values in history.temperatures_c.items():
-        if sensors is not None and name not in sensors:
-            continue
-        kept = values.copy()
-        known = np.flatnonzero(~np.isnan(values))
-        verdicts = _verdicts(machine, machine.sensor(name), history)
-        kept[known[verdicts != _VERDICTS.index(Health.OK)]] = np.nan
+    for name, own in verdicts.items():
+        kept = history.temperatures_c[name].copy()
+        known = np.flatnonzero(~np.isnan(kept))
+        kept[known[own != _VERDICTS.index(Health.OK)]] = np.nan
         cleaned[name] = kept
     return TemperatureHistory(history.times_s, cleaned)
 
@@ -260,11 +341,13 @@ def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorS
             f"{sensor.name} is stale: its last value is {duration_text(age_s)} old, "
             f"at most {sensor.max_age_s:g} s are allowed"
         )
-        return SensorState(sensor.name, Health.STALE, state.temperature_c, age_s, detail)
-    return SensorState(sensor.name, state.health, state.temperature_c, age_s, state.detail)
+        return state._replace(health=Health.STALE, age_s=age_s, detail=detail)
+    return state._replace(age_s=age_s)
 
 
-def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> SensorState:
+def _assess(
+    machine: Machine, sensor: Sensor, history: TemperatureHistory, judged: IntArray
+) -> SensorState:
     times, values = history.known(sensor.name)
     if times.size == 0:
         return SensorState(
@@ -272,7 +355,7 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
             Health.MISSING,
             detail=f"{sensor.name} is missing: no reading has it",
         )
-    verdicts = judge_record(machine, sensor, history)
+    verdicts = [_VERDICTS[verdict] for verdict in judged.tolist()]
     health = verdicts[-1]
     value = float(values[-1])
     detail = ""
@@ -301,7 +384,64 @@ def _assess(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> Se
             f"while its neighbours moved by {moved[0]:.2g} °C"
         )
     age_s = float(history.times_s[-1] - times[-1])
-    return _grow_older(sensor, SensorState(sensor.name, health, value, age_s, detail), 0.0)
+    state = SensorState(sensor.name, health, value, age_s, detail)
+    interval_s = usual_interval_s(
+        times[-RECENT:], values[-RECENT:], is_sampled=_comes_with_another(sensor, history)
+    )
+    if interval_s is not None:
+        longest_s = float(np.diff(times[-RECENT:]).max())
+        late_after_s = max(LEAST_LATE_S, MISSED * interval_s, AS_LONG_AGAIN * longest_s)
+        state = state._replace(interval_s=interval_s, late_after_s=late_after_s)
+    return _grow_older(sensor, state, 0.0)
+
+
+def _comes_with_another(sensor: Sensor, history: TemperatureHistory) -> bool:
+    """Whether each of a sensor's latest readings has another sensor's value beside it."""
+    known = np.flatnonzero(~np.isnan(history.temperatures_c[sensor.name]))[-RECENT:]
+    return any(
+        name != sensor.name and not np.isnan(values[known]).any()
+        for name, values in history.temperatures_c.items()
+    )
+
+
+def usual_interval_s(
+    times_s: FloatArray, values: FloatArray, *, is_sampled: bool = False
+) -> float | None:
+    """Say how far apart the latest readings of a sensor are, if they come by the clock [s].
+
+    Who sends on change only is silent when nothing changes. What such a sender sends does not come
+    evenly, except where a temperature rises evenly: then no value comes twice, and all of them go
+    on in one direction.
+
+    Parameters
+    ----------
+    times_s, values : ndarray, shape (n,) [s], [°C]
+        The latest readings, in order of time.
+    is_sampled
+        Whether others are always read with it, so that it does not come when it changes.
+
+    Returns
+    -------
+    float or None
+        The median; None where there are too few, they are uneven, or all of them go on in one
+        direction.
+
+    Examples
+    --------
+    >>> usual_interval_s(np.arange(20.0), np.full(20, 25.5))
+    1.0
+    >>> usual_interval_s(np.arange(20.0), np.arange(20.0)) is None
+    True
+    """
+    intervals = np.diff(times_s)
+    if intervals.size < FEWEST_INTERVALS:
+        return None
+    median, long = np.quantile(intervals, (0.5, 0.9))
+    direction = np.sign(np.diff(values))
+    goes_on = (direction[1:] == direction[:-1]) & (direction[1:] != 0.0)
+    if long > EVEN * median or (not is_sampled and goes_on.mean() > ONE_WAY):
+        return None
+    return float(median)
 
 
 def _judge_range(sensor: Sensor, value: float) -> SensorState:

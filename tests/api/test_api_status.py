@@ -4,6 +4,7 @@ The maps lie on one straight line (`error_map`): EXX grows by 5 µm/K at X 500, 
 Z 500, and the hottest map is Run #6, 30 °C at x-middle and 32 °C at z-column.
 """
 
+import math
 from datetime import timedelta
 
 import pytest
@@ -85,6 +86,8 @@ async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
         "sensor": "x-middle",
         "temperature_c": 25.3,
         "age_s": 4.0,
+        "interval_s": 60.0,
+        "is_late": False,
         "rate_k_per_h": 0.6,
         "health": "ok",
         "detail": "",
@@ -258,6 +261,81 @@ async def test_a_failed_sensor_and_its_stand_in(client, clock):
     assert "3 components cannot be computed" in found["sentences"][0]
     assert found["since"] == iso(failed_at - timedelta(seconds=10))
     assert found["components"] == 0
+
+
+async def test_a_stand_in_is_judged_alike_whether_its_sensor_failed_or_is_silent(client, clock):
+    await feed(client, reading(START, 25.0))
+    clock.advance(130)  # x-middle is too old after 120 s
+    others = {"y-front": 24.0, "z-column": 27.0, "spindle": 30.0}
+    await feed(client, reading(clock.time, 25.0, temperatures_c=others))
+    found = await status(client)
+    assert verdict(found) == ("trusted", "stand-in")
+    assert found["since"] == iso(START + timedelta(seconds=120))
+    assert found["sentences"] == [
+        "y-front stands in for x-middle in 3 components: x-middle has not been read since 06:00 "
+        "UTC."
+    ]
+
+
+async def test_one_bad_reading_spoils_no_rate(client, clock):
+    """A temperature that stood still: 999 °C once, then warmer by 6 K for some seconds."""
+    steady = [reading(START + timedelta(seconds=10 * i), 25.0) for i in range(180)]
+    for i, t_c in ((90, 999.0), (91, 31.0)):
+        steady[i] |= at_x_middle(t_c)
+    await feed(client, *steady[:1])
+    clock.advance(1790)
+    await feed(client, *steady[1:])
+    found = await status(client)
+    assert verdict(found) == ("trusted", "fresh")
+    assert sensor(found, "x-middle")["rate_k_per_h"] == 0.0
+    change = found["change_per_h"]["value"]
+    assert (change, math.copysign(1.0, change)) == (0.0, 1.0)
+
+
+def every(seconds, since_s, until_s, t_c=25.0, **changes):
+    count = round((until_s - since_s) / seconds)
+    times = [START + timedelta(seconds=since_s + seconds * i) for i in range(count)]
+    return [reading(time, t_c, **changes) for time in times]
+
+
+async def test_a_sensor_that_came_every_second_is_missed_at_once(client, clock):
+    await feed(client, *every(1.0, -60.0, 0.0))
+    others = {"y-front": 24.0, "z-column": 27.0, "spindle": 30.0}
+    clock.advance(14)
+    await feed(client, *every(1.0, 0.0, 14.0, temperatures_c=others))
+    assert verdict(await status(client)) == ("trusted", "fresh")
+    clock.advance(6)
+    await feed(client, *every(1.0, 14.0, 20.0, temperatures_c=others))
+    found = await status(client)
+    assert verdict(found) == ("limited", "late")
+    assert found["sentences"][0] == (
+        "x-middle has not been read since 05:59:59 UTC, where a reading usually comes every 1 s: "
+        "3 components rest on it."
+    )
+    late = sensor(found, "x-middle")
+    assert (late["is_late"], late["interval_s"], late["age_s"]) == (True, 1.0, 21.0)
+    assert not sensor(found, "z-column")["is_late"]
+    # All of them stop: none is left to compare with, but the clock goes on.
+    clock.advance(80)
+    assert all(s["is_late"] for s in (await status(client))["sensors"])
+
+
+async def test_who_sends_many_at_once_is_not_missed(client, clock):
+    """Once a minute come the sixty readings of each second: none is late for a minute."""
+    for minute in range(4):
+        clock.advance(60)
+        await feed(client, *every(1.0, 60.0 * minute, 60.0 * minute + 60.0))
+    clock.advance(59)
+    assert verdict(await status(client)) == ("trusted", "fresh")
+    assert sensor(await status(client), "x-middle")["interval_s"] == 1.0
+
+
+async def test_who_sends_on_change_only_is_not_missed(client, clock):
+    for i, wait_s in enumerate((3, 8, 20, 4, 11, 30, 6, 2, 15, 9, 5, 40, 7, 3, 12)):
+        clock.advance(wait_s)
+        await feed(client, reading(clock.time, 25.0 + 0.1 * (i % 3)))
+    clock.advance(110)
+    assert verdict(await status(client)) == ("trusted", "fresh")
 
 
 async def test_a_failed_sensor_on_which_nothing_rests_is_said_and_harms_nothing(client):

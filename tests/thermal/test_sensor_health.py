@@ -10,11 +10,11 @@ from app.thermal.machine import Sensor
 from app.thermal.sensor_health import (
     Health,
     are_in_range,
-    assess_sensors,
     believed,
     check_temperatures,
     grow_older,
     judge_record,
+    judged_record,
     without_stuck,
 )
 from app.thermal.temperature_history import TemperatureHistory
@@ -28,7 +28,7 @@ THREE = machine(*(Sensor(name, max_rate_c_per_min=10.0) for name in "abc"))
 
 def assessed(readings, sensors=THREE):
     history = TemperatureHistory.of_readings(sensors.sensors, readings)
-    return {state.sensor: state for state in assess_sensors(sensors, history)}
+    return {state.sensor: state for state in judged_record(sensors, history).states}
 
 
 def every_ten_minutes(hours, **temperatures):

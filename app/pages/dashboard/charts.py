@@ -84,7 +84,8 @@ def course_svg(
 ) -> Markup:
     """Draw two hours of a temperature over the band of its maps.
 
-    A gap stays a gap; what is old goes on as a dotted line to now.
+    A gap stays a gap; what is old goes on as a dotted line to now. What was not believed does not
+    set the scale: it is a mark, at the edge where it lies beyond.
     """
     values = course.temperatures_c
     known = [*values, *(maps_c or ())]
@@ -110,6 +111,9 @@ def course_svg(
             parts.append(f'<path class="dot" d="M{points[0]}h0"/>')
         else:
             parts.append(f'<polyline class="now" points="{" ".join(points)}"/>')
+    for time_s, value in zip(course.rejected_s, course.rejected_c, strict=True):
+        at = min(max(y(value), 0.0), SIZE)
+        parts.append(f'<path class="rejected" d="M{x(time_s):.0f},{at:.0f}h0"/>')
     if is_old and values.size:
         at = y(values[-1])
         parts.append(

@@ -55,6 +55,7 @@ _STATES: Final[Mapping[State, str]] = {
     State.HELD: "Held at edge",
     State.EFFECT_MISSING: "Effect missing",
     State.INCOMPLETE: "Incomplete",
+    State.LATE: "Sensor late",
     State.DRIFTING: "Drifting",
     State.STAND_IN: "Stand-in",
     State.FRESH: "Fresh",
@@ -206,7 +207,7 @@ def _leading(status: MachineStatus) -> SensorNow | None:
 
 
 def _is_well(sensor: SensorNow) -> bool:
-    return sensor.health is Health.OK and not sensor.outside_maps_k
+    return sensor.health is Health.OK and not sensor.is_late and not sensor.outside_maps_k
 
 
 def _worst_first(sensors: Iterable[SensorNow]) -> list[SensorNow]:
@@ -248,6 +249,8 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     outside = sensor.outside_maps_k
     if sensor.health is not Health.OK:
         words = _health_words(sensor)
+    elif sensor.is_late and sensor.age_s is not None:
+        words = f"{age(sensor.age_s)} old"
     elif outside is None:
         words = "not used"
     elif outside == 0.0:
@@ -258,14 +261,14 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     return {
         "now": sensor,
         "is_fault": is_fault,
-        "is_old": sensor.health is Health.STALE,
+        "is_old": sensor.health is Health.STALE or sensor.is_late,
         "is_well": _is_well(sensor),
         "words": words,
         "course": course_svg(
             view.courses[sensor.sensor],
             sensor.maps_c,
             name,
-            is_old=sensor.health is not Health.OK,
+            is_old=sensor.health is not Health.OK or sensor.is_late,
         ),
     }
 

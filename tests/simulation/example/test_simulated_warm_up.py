@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from app.errors import UnknownThing
 from app.simulation.example.machine import SENSORS, example_machine
 from app.simulation.example.warm_up import PERIOD_S, RUNS, run_temperatures, temperatures_at
-from app.thermal.sensor_health import Health, assess_sensors
+from app.thermal.sensor_health import Health, judged_record
 from app.thermal.temperature_history import TemperatureHistory
 
 COLD, HOT = run_temperatures(1), run_temperatures(6)
@@ -99,7 +99,7 @@ def test_two_periods_of_readings_look_healthy():
     history = TemperatureHistory.of_readings(SENSORS, [(t, temperatures_at(t)) for t in times])
     example = example_machine()
     strict = {n: replace(s, max_rate_c_per_min=3.0) for n, s in example.sensors.items()}
-    states = assess_sensors(replace(example, sensors=strict), history)
+    states = judged_record(replace(example, sensors=strict), history).states
     assert {state.health for state in states} == {Health.OK}
 
 
