@@ -79,10 +79,10 @@ class _Arrivals:
         self._steps_s: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
         self._delays_s: deque[float] = deque(maxlen=RECENT)
 
-    def note(self, new: Sequence[Reading], until: datetime) -> None:
+    def note(self, readings: Sequence[Reading], until: datetime) -> None:
         """Note what came together at a time."""
         came: dict[str, datetime] = {}
-        for reading in new:
+        for reading in readings:
             if reading.time <= until:
                 for sensor in reading.temperatures_c:
                     came[sensor] = max(reading.time, came.get(sensor, reading.time))
@@ -138,7 +138,7 @@ class ReadingWindow:
             if not new and held.is_as_of(until):
                 return [reading for reading in came if reading.time <= until]
             self.held = _split([*new, *held.used, *held.ahead], machine, until, held)
-            self._arrivals.note(new, until)
+            self._arrivals.note(came, until)
             # One that was ahead can come again: it is taken once.
             usable = {r.time: r for r in (*came, *held.ahead) if r.time <= until}
             return [*usable.values()]
