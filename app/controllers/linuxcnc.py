@@ -57,6 +57,9 @@ COORDINATES: Final = "XYZABCUVW"
 
 _JOINT: Final = re.compile(r"\[(?:JOINT|AXIS)_(\d{1,2})\]", re.IGNORECASE | re.ASCII)
 _SETTING: Final = re.compile(r"(\w+)\s*=\s*(.*)", re.ASCII)
+_READ: Final = ("KINEMATICS", "COORDINATES", "LINEAR_UNITS", "COMP_FILE", "COMP_FILE_TYPE")
+"""Settings that are read; others, such as HALFILE, may stand in a section more than once."""
+
 _UNITS: Final = {"mm": "mm", "metric": "mm", "inch": "inch", "in": "inch", "imperial": "inch"}
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _ROW: Final = re.compile(
@@ -263,7 +266,7 @@ class _Ini:
                         section = f"JOINT_{int(joint[1])}"
                         joints.append(int(joint[1]))
                         is_older = is_older or line.text.upper().startswith("[AXIS_")
-                elif found := _SETTING.fullmatch(line.text):
+                elif (found := _SETTING.fullmatch(line.text)) and found[1].upper() in _READ:
                     key = (section, found[1].upper())
                     if settings.setdefault(key, (line, found[2].strip()))[1] != found[2].strip():
                         raise line.refuse(f"one {key[1]} of [{section}]")
@@ -417,7 +420,7 @@ def _axis_of_joint(joint: int, ini: _Ini, options: LinuxCncOptions) -> str:
     if "joints" in options.model_fields_set:
         for axis, stated in options.joints.items():
             moving = {n for n, letter in enumerate(coordinates) if letter.lower() == axis}
-            if set(_several(stated)) != moving:
+            if moving and set(_several(stated)) != moving:
                 raise InvalidContent.of_field(
                     f"options.joints.{axis}",
                     f"expected {sorted(moving)}, as {ini.coordinates_text} says, got {stated}",

@@ -61,6 +61,16 @@ def test_an_option_that_contradicts_the_ini_is_refused():
     refused("linuxcnc", changed(INCH, "= inch", "= furlong"), "LINEAR_UNITS of mm, metric, inch")
 
 
+def test_a_whole_ini_is_read_and_two_values_of_one_setting_are_refused():
+    whole = changed(INCH, "[TRAJ]", "[HAL]\nHALFILE = a.hal\nHALFILE = b.hal\n; x = 1\n[TRAJ]")
+    assert read("linuxcnc", whole).warnings == []
+    twice = changed(INCH, "LINEAR_UNITS = inch", "LINEAR_UNITS = inch\nLINEAR_UNITS = mm")
+    refused("linuxcnc", twice, r"line \d+: expected one LINEAR_UNITS of \[TRAJ\]")
+    # Of an axis that the machine does not have an option says nothing.
+    lathe = changed(INCH, "COORDINATES = X Y Z", "COORDINATES = X Z")
+    assert list(read("linuxcnc", lathe, joints={"x": 0, "y": 2, "z": 1}).curves) == ["EXX"]
+
+
 def test_a_unit_and_type_that_nothing_states_are_named():
     found = read("linuxcnc", case("linuxcnc-text-after-numbers"))
     (assumed,) = [w for w in found.warnings if "not stated" in w]
