@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from app.cli.options import DatabaseOption, confirm
-from app.errors import counted
+from app.errors import counted, list_names
+from app.events.event import acting
 from app.settings import make_own_folder
 from app.storage.backup import BackupContents, restore_backup, write_backup
+from app.storage.restored_keys import RestoredKeys
 
 
 def backup(
@@ -41,13 +44,23 @@ def restore(
             help="Delete what the database has, with all machines, and restore in its place.",
         ),
     ] = False,
+    with_keys: Annotated[
+        bool,
+        typer.Option(
+            "--with-keys",
+            envvar="THERMAP_WITH_KEYS",
+            help="Bring back keys of the backup, too, that a database with keys of its own does "
+            "not have: those that were revoked since.",
+        ),
+    ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", envvar="THERMAP_YES", help="Do not ask before that.")
     ] = False,
 ) -> None:
     """Bring a backup into a database: whole, or not at all.
 
-    Stop the service first. A backup of an older version is upgraded.
+    Stop the service first. A backup of an older version is upgraded. A database that has keys, or
+    had some, goes on with its own; another one takes those of the backup.
 
     Example: `thermap restore friday.thermap --database-url sqlite:///new.db`
     """
@@ -58,8 +71,33 @@ def restore(
             yes=yes,
         )
     make_own_folder(database_url)
-    contents = restore_backup(database_url, file, replace=replace)
-    typer.echo(f"restored {file}: {_summary(contents)}")
+    before = acting.set("thermap restore")
+    try:
+        restored = restore_backup(database_url, file, replace=replace, with_keys=with_keys)
+    finally:
+        acting.reset(before)
+    typer.echo(f"restored {file}: {_summary(restored.contents)}")
+    for words in _of_keys(restored.keys):
+        typer.echo(words)
+
+
+def _of_keys(keys: RestoredKeys) -> Iterator[str]:
+    """Say what became of keys, where there are any."""
+    told = (
+        (keys.restored, "keys that came back with the backup"),
+        (keys.remain, "keys that stay as they are in the database"),
+        (keys.revoked, "keys revoked, as the backup does not have the machines they were for"),
+        (
+            keys.left_out,
+            "keys of the backup that did not come back, since the database does not have them: "
+            "revoked since, or made elsewhere (--with-keys brings them back, unless their name is "
+            "another key's)",
+        ),
+        (keys.unreadable, "keys of the backup left out, with a role that this version lacks"),
+    )
+    for names, what in told:
+        if names:
+            yield f"{what}: {list_names(names)}"
 
 
 def _summary(contents: BackupContents) -> str:

@@ -14,8 +14,14 @@ import typer
 from app.access.keys import AccessKey, Role
 from app.cli.answers import listing, show_view, when
 from app.cli.options import DatabaseOption, JsonOption, YesOption, command_group, confirm
+from app.errors import list_names
 from app.events.event import acting
-from app.services.access_keys import create_key, revoke_key, show_keys
+from app.services.access_keys import (
+    create_key,
+    revoke_key,
+    show_keys,
+    show_unreadable_keys,
+)
 from app.settings import make_own_folder
 from app.storage.database import Database
 from app.storage.migrate import upgrade
@@ -84,8 +90,15 @@ def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None
     database = Database(database_url, may_be_new=False)
     try:
         found = show_keys(database)
+        unreadable = show_unreadable_keys(database)
     finally:
         database.close()
+    if unreadable:
+        typer.echo(
+            "no keys here, as this version does not know their role or machines: "
+            f"{list_names(unreadable)}; `thermap keys revoke` deletes them",
+            err=True,
+        )
     if json:
         typer.echo(json_text.dumps([asdict(key) for key in found], default=str))
         return

@@ -55,13 +55,13 @@ class StoredKey(NamedTuple):
 def stored_keys(session: Session) -> list[AccessKey]:
     """List all keys by name that this version can read."""
     rows = session.execute(select(*_KEY).order_by(_KEY.name))
-    return [key for row in rows if (key := _key(row)) is not None]
+    return [key for row in rows if (key := readable_key(row)) is not None]
 
 
 def unreadable_keys(session: Session) -> list[str]:
     """Name the keys that a newer version, or somebody by hand, wrote: here they are none."""
     rows = session.execute(select(*_KEY).order_by(_KEY.name))
-    return [row.name for row in rows if _key(row) is None]
+    return [row.name for row in rows if readable_key(row) is None]
 
 
 def has_keys(session: Session) -> bool:
@@ -80,7 +80,7 @@ def keys_by_digest(session: Session) -> dict[str, StoredKey]:
     stored: dict[str, StoredKey] = {}
     by_number: dict[int, StoredKey] = {}
     for row in session.execute(select(*_KEY)):
-        key = _key(row)
+        key = readable_key(row)
         if key is not None:
             of_its = {m: births[m] for m in key.machines or () if m in births}
             stored[row.digest] = by_number[row.id] = StoredKey(key, None, of_its)
@@ -227,7 +227,7 @@ def add_browser(
     # Who states the same key waits: else both would find room for one more.
     held = select(*_KEY).where(_KEY.digest == key_digest).with_for_update(key_share=True)
     row = session.execute(held).one_or_none()
-    key = None if row is None else _key(row)
+    key = None if row is None else readable_key(row)
     if key is None or not key.role.includes(Role.VIEWER):
         return None
     session.execute(delete(BrowserSessionRow).where(_SESSION.expires_at <= now))
@@ -256,10 +256,11 @@ def _key_of(session: Session, query: Select[Any], held: bool) -> AccessKey | Non
     if held:
         query = query.with_for_update(read=True, key_share=True)
     row = session.execute(query).one_or_none()
-    return None if row is None else _key(row)
+    return None if row is None else readable_key(row)
 
 
-def _key(row: Row[Any]) -> AccessKey | None:
+def readable_key(row: Row[Any]) -> AccessKey | None:
+    """Read a row; None for what this version does not write, which gives nobody any rights."""
     return _key_from(row.id, row.name, row.role, row.machines, row.created_at, row.last_used_at)
 
 
@@ -271,7 +272,6 @@ def _key_from(
     created_at: datetime,
     last_used_at: datetime | None,
 ) -> AccessKey | None:
-    """Read a key; None for what this version does not write, which gives nobody any rights."""
     is_list = isinstance(machines, list) and all(isinstance(one, str) for one in machines)
     if role not in list(Role) or not (machines is None or (is_list and machines)):
         return None

@@ -13,17 +13,24 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 from urllib.parse import quote
 
-from sqlalchemy import Connection, Table, create_engine, func, inspect, select, text
+from sqlalchemy import Connection, Table, create_engine, delete, func, inspect, select, text
 
 from app.errors import Conflict, InvalidContent, StorageUnavailable, counted
 from app.storage.database import Database
 from app.storage.migrate import check_not_newer, newest_revision, upgrade
-from app.storage.tables import Base
+from app.storage.restored_keys import (
+    RestoredKeys,
+    keys_before,
+    note_restored_keys,
+    restore_keys,
+)
+from app.storage.tables import Base, BrowserSessionRow
 
 SEAL: Final = b"thermap backup 1\n"
 """What the last bytes of a backup begin with; the SHA-256 of all before follows."""
@@ -46,12 +53,28 @@ COUNTED: Final = {
 }
 
 
+KEYS: Final = "access_key"
+SESSIONS: Final = "browser_session"
+"""A table that no backup has and none restores: who was logged in then is not who is now."""
+
+
+_NOT_REPLACED: Final = (KEYS, SESSIONS)
+
+
 @dataclass(frozen=True, slots=True)
 class BackupContents:
     """How much of each there is in a backup, and its size [bytes]."""
 
     counts: Mapping[str, int]
     size_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """What was in a backup that was restored, and what became of keys."""
+
+    contents: BackupContents
+    keys: RestoredKeys
 
 
 def write_backup(database_url: str, file: Path) -> BackupContents:
@@ -89,8 +112,12 @@ def write_backup(database_url: str, file: Path) -> BackupContents:
         return BackupContents(counts, file.stat().st_size)
 
 
-def restore_backup(database_url: str, file: Path, *, replace: bool = False) -> BackupContents:
+def restore_backup(
+    database_url: str, file: Path, *, replace: bool = False, with_keys: bool = False
+) -> Restored:
     """Store everything of a backup: whole, or not at all.
+
+    Keys are the database's own where it has or had any (`app.storage.restored_keys`).
 
     Parameters
     ----------
@@ -98,6 +125,8 @@ def restore_backup(database_url: str, file: Path, *, replace: bool = False) -> B
         The database; its tables are made or upgraded first.
     replace
         Whether machines that are there are replaced, with all that belongs to them.
+    with_keys
+        Whether keys come back that the database does not have although it has or had keys.
 
     Raises
     ------
@@ -115,14 +144,21 @@ def restore_backup(database_url: str, file: Path, *, replace: bool = False) -> B
             upgrade(database)
             with database.alone() as target:
                 _expect_no_machines(target, database.name, replace)
-                for table in reversed(Base.metadata.sorted_tables):
+                before = keys_before(target)
+                target.execute(delete(BrowserSessionRow))
+                tables = [t for t in Base.metadata.sorted_tables if t.name not in _NOT_REPLACED]
+                for table in reversed(tables):
                     target.execute(table.delete())
-                for table in Base.metadata.sorted_tables:
+                for table in tables:
                     _copy_rows(source, target, table)
-                _continue_numbers(target, _last_numbers(source))
+                keys = restore_keys(source, target, before, with_keys=with_keys)
+                given = _last_numbers(source)
+                given[KEYS] = max(given[KEYS], _last_numbers(target)[KEYS])
+                _continue_numbers(target, given)
+                note_restored_keys(target, keys, datetime.now(UTC))
         finally:
             database.close()
-        return BackupContents(_counts(source), size_bytes)
+        return Restored(BackupContents(_counts(source), size_bytes), keys)
 
 
 def check_backup(file: Path) -> int:
@@ -173,6 +209,9 @@ def _copy_file(database: Database, part: Path) -> None:
     """Let SQLite copy a file: readers and writers go on, and the copy is of one moment."""
     with database.driver() as driver:
         driver.execute("VACUUM INTO ?", [str(part)])
+    with closing(sqlite3.connect(part, isolation_level=None)) as copy:
+        if copy.execute("SELECT 1 FROM sqlite_master WHERE name = ?", [SESSIONS]).fetchone():
+            copy.execute(f"DELETE FROM {SESSIONS}")
 
 
 def _copy_server(database: Database, part: Path) -> None:
@@ -188,7 +227,8 @@ def _copy_server(database: Database, part: Path) -> None:
                     "start `thermap serve` once, which upgrades it, or use the older one"
                 )
             for table in Base.metadata.sorted_tables:
-                _copy_rows(source, connection, table)
+                if table.name != SESSIONS:
+                    _copy_rows(source, connection, table)
             _continue_numbers(connection, _last_numbers(source))
         with target.driver() as driver:
             driver.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it

@@ -70,3 +70,21 @@ def test_a_user_without_a_folder_states_where_the_database_is(run, url, tmp_path
     assert run("backup", file, "--database-url", url).exit_code == 0
     new = f"sqlite:///{tmp_path}/new.db"
     assert run("restore", file, "--database-url", new).exit_code == 0
+
+
+def test_which_keys_come_back_is_said(run, url, tmp_path):
+    file, new = tmp_path / "friday.thermap", f"sqlite:///{tmp_path}/new.db"
+    for name in ("boss", "guest"):
+        run("keys", "create", name, "--role", "admin", "--database-url", url)
+    run("backup", file, "--database-url", url)
+    found = run("restore", file, "--database-url", new)
+    assert "keys that came back with the backup: boss, guest" in found.stdout
+    run("keys", "revoke", "guest", "--yes", "--database-url", url)
+    restored = ("restore", file, "--database-url", url, "--replace", "--yes")
+    found = run(*restored)
+    assert (found.exit_code, found.stderr) == (0, "")
+    assert "keys that stay as they are in the database: boss" in found.stdout
+    assert "revoked since, or made elsewhere" in found.stdout
+    assert found.stdout.rstrip().endswith("another key's): guest")
+    found = run(*restored, "--with-keys")
+    assert "keys that came back with the backup: guest" in found.stdout

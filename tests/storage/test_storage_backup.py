@@ -93,7 +93,7 @@ async def test_what_is_restored_is_what_was_there_and_new_numbers_go_on(
     assert contents.counts["readings"] == 100
     assert contents.size_bytes == file.stat().st_size
     before = everything(furnished_url)
-    assert restore_backup(target_url, file) == contents
+    assert restore_backup(target_url, file).contents == contents
     assert everything(target_url) == before
 
     async with client_of(new_app(target_url)) as client:
@@ -207,7 +207,7 @@ def test_an_older_backup_is_upgraded_and_stays_as_it_is(tmp_path, file, target_u
     older.close()
     write_backup(f"sqlite:///{tmp_path}/older.db", file)
     content = file.read_bytes()
-    assert restore_backup(target_url, file).counts["machines"] == 1
+    assert restore_backup(target_url, file).contents.counts["machines"] == 1
     assert file.read_bytes() == content
     assert [row[0] for row in everything(target_url)["machine"]] == ["old"]
 
