@@ -272,7 +272,7 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
         State.LATE,
         f"{list_names(late, MOST_CODES)} {'has' if is_one else 'have'} not been read since "
         f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
-        f"{longest.interval_s:.3g} s: {_rest_on(codes, 'it' if is_one else 'them')}.",
+        f"{round(longest.interval_s or 0.0, 1):g} s: {_rest_on(codes, 'it' if is_one else 'them')}.",
         measured + timedelta(seconds=longest.late_after_s or 0.0),
         codes,
     )

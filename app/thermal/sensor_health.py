@@ -441,7 +441,7 @@ def usual_interval_s(
     goes_on = (direction[1:] == direction[:-1]) & (direction[1:] != 0.0)
     if long > EVEN * median or (not is_sampled and goes_on.mean() > ONE_WAY):
         return None
-    return float(median)
+    return round(float(median), 3)
 
 
 def _judge_range(sensor: Sensor, value: float) -> SensorState:
