@@ -268,11 +268,12 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     longest = max(late.values(), key=lambda s: s.age_s or 0.0)
     measured = situation.judged_at - timedelta(seconds=longest.age_s or 0.0)
     is_one = len(late) == 1
+    rest = _rest_on(codes, "it" if is_one else "them")
     yield Cause(
         State.LATE,
         f"{list_names(late, MOST_CODES)} {'has' if is_one else 'have'} not been read since "
         f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
-        f"{round(longest.interval_s or 0.0, 1):g} s: {_rest_on(codes, 'it' if is_one else 'them')}.",
+        f"{round(longest.interval_s or 0.0, 1):g} s: {rest}.",
         measured + timedelta(seconds=longest.late_after_s or 0.0),
         codes,
     )
