@@ -457,11 +457,6 @@ class Link:
     def _take(self, message: Arrived) -> None:
         if message.qos > 0:
             self._waiting.append(message)
-            if len(self._waiting) + len(self._unsettled) > self._broker.receive_maximum:
-                self._lose(
-                    f"expected at most {self._broker.receive_maximum} messages before the first "
-                    "is acknowledged, got more from the broker"
-                )
         else:
             self._note_read(message)
             self._loose.append(message)

@@ -83,7 +83,7 @@ FILES = '[opcua.security]\nmode = "Sign"\n' + "".join(
             AGENT + '[mtconnect.sensors]\nx = {item = "X", unit = "C"}\n',
             "expected one of CELSIUS, FAHRENHEIT, KELVIN",
         ),
-        ((AGENT + SENSORS) * 2, "expected each name once, got 'a' 2 times"),
+        ((AGENT + SENSORS) * 2, "expected each name once, got 'a' again"),
         (SERVER, "opcua.0.sensors: field required"),
         (SERVER + NODES.replace("ns=2;s=X", "X"), "opcua.0.sensors.x.node"),
         (SERVER + NODES.replace("ns=2;s=X", "nsu=urn:x"), "opcua.0.sensors.x.node"),

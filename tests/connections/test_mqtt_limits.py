@@ -89,13 +89,6 @@ async def test_the_network_waits_for_a_loop_that_is_busy(link):
     await messages.aclose()
 
 
-async def test_a_broker_that_sends_more_than_it_may_is_left(link):
-    for mid in range(501):
-        link._on_message(None, None, message(b"21", qos=1, mid=mid))
-    await turns()
-    assert "expected at most 500 messages before the first is acknowledged" in link._is_gone
-
-
 class Taking:
     """An intake that remembers."""
 
