@@ -6,10 +6,11 @@ from typing import Annotated
 
 import orjson
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.console import console
 from app.cli.options import (
     MachineArgument,
     MissingOption,
@@ -20,6 +21,7 @@ from app.cli.options import (
     field_question,
     in_options,
 )
+from app.cli.terminal import write_document
 from thermap import DEFAULT_URL
 from thermap.answers import AccuracyAnswer, LevelsAnswer
 
@@ -55,9 +57,9 @@ def accuracy(
         levels = thermap.compensation_levels(machine, question)
     if json:
         both = {"accuracy": found.model_dump(mode="json"), "levels": levels.model_dump(mode="json")}
-        typer.echo(orjson.dumps(both).decode())
+        write_document(orjson.dumps(both).decode() + "\n")
         return
-    Console(highlight=False).print(accuracy_view(found, levels))
+    console().print(accuracy_view(found, levels))
 
 
 def accuracy_view(found: AccuracyAnswer, levels: LevelsAnswer) -> RenderableType:

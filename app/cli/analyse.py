@@ -11,13 +11,14 @@ from typing import Annotated, Final
 
 import typer
 from pydantic import TypeAdapter
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications, store_verifications
 from app.cli.analyse_view import analysis_view, plan_view
 from app.cli.answers import shell_words
+from app.cli.console import console
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
@@ -30,6 +31,7 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.planned_visit import write_next_visit
+from app.cli.terminal import echo, write_document
 from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
@@ -188,7 +190,7 @@ def analyse(
                 _show(content)
         if output is not None:
             write_file(output, thermap.analysis_report(machine, job.id))
-            typer.echo(f"{output}: the report of analysis {job.id}", err=True)
+            echo(f"{output}: the report of analysis {job.id}", err=True)
         if next_visit is not None:
             write_next_visit(next_visit, machine, result.next_visit)
 
@@ -208,7 +210,7 @@ def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None
         yield
     except (ThermapError, ThermapClientError):
         if stored:
-            typer.echo(
+            echo(
                 f"verification {list_names(map(str, stored))} stays stored; "
                 f"`thermap verifications delete {stored[-1]} --machine {machine}` deletes it",
                 err=True,
@@ -266,9 +268,9 @@ def _check_cancel(output: Path | None, *, cancels: bool, is_fleet: bool, json: b
 def _show(found: bytes | RenderableType) -> None:
     """Write JSON, or a view."""
     if isinstance(found, bytes):
-        typer.echo(found.decode())
+        write_document(found.decode() + "\n")
     else:
-        Console(highlight=False).print(found)
+        console().print(found)
 
 
 def _show_plan(
@@ -277,7 +279,7 @@ def _show_plan(
     """Ask what the files' observations, or those that are stored, could see."""
     for one in files:
         for remark in one.remarks:
-            typer.echo(f"{one.file}: note: {remark}", err=True)
+            echo(f"{one.file}: note: {remark}", err=True)
     question = (
         {"planned": [one.body for one in files]}
         if files
@@ -285,7 +287,7 @@ def _show_plan(
     )
     call = loop_calls.plan_analysis(machine, question)
     try:
-        with Console(stderr=True).status("planning"):
+        with console(stderr=True).status("planning"):
             content = thermap.content(call)
     except InvalidContentError as error:
         raise _refused(error, files) from error
@@ -333,7 +335,7 @@ def _expect_comparable(
         raise NotAnalysed(
             "nothing was sent, because there is nothing to compare it with: no table has " + reason
         )
-    typer.echo(f"note: not compared, because no table has {reason}", err=True)
+    echo(f"note: not compared, because no table has {reason}", err=True)
 
 
 def _why_lacking(
@@ -374,10 +376,10 @@ def _follow(thermap: ThermapClient, machine: str, analysis_id: int, ctrl_c: _Ctr
     NotAnalysed
         If it failed, or somebody cancelled it.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    console = Console(stderr=True)
-    hidden = not console.is_terminal
-    with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as progress:
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
+    terminal = console(stderr=True)
+    hidden = not terminal.is_terminal
+    with Progress(*columns, TimeElapsedColumn(), console=terminal, disable=hidden) as progress:
         task = progress.add_task("waiting", total=1.0)
         while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
             words = job.message or str(job.status)
@@ -420,7 +422,7 @@ def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
     with suppress(ThermapClientError):
         thermap.cancel_analysis(machine, analysis_id)
         outcome = f"analysis {analysis_id} cancelled"
-    typer.echo(outcome, err=True)
+    echo(outcome, err=True)
 
 
 def _expect_done(job: AnalysisAnswer) -> None:
@@ -432,20 +434,20 @@ def _expect_done(job: AnalysisAnswer) -> None:
 def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analysis) -> None:
     """Adopt what helps; say what was left, and first which sensors should be assigned."""
     if result.proposals:
-        typer.echo(result.what_next[0], err=True)
+        echo(result.what_next[0], err=True)
     for one in result.effects:
         if not one.helps:
-            typer.echo(f"not adopted: {sentence(one.explanation)}: {one.why_not}", err=True)
+            echo(f"not adopted: {sentence(one.explanation)}: {one.why_not}", err=True)
     if not any(one.helps for one in result.effects) and not result.is_refit_due:
-        typer.echo("nothing was adopted: no effect is known to help", err=True)
+        echo("nothing was adopted: no effect is known to help", err=True)
         return
     for moved in result.refitted:
         if moved.outcome != "left":
-            typer.echo(sentence(moved.explanation), err=True)
+            echo(sentence(moved.explanation), err=True)
     for line in preview_lines(thermap.preview_adoption(machine, analysis_id)):
-        typer.echo(line, err=True)
+        echo(line, err=True)
     model = thermap.adopt_analysis(machine, analysis_id)
     if model.active:
-        typer.echo(f"adopted: model version {model.version} is active", err=True)
+        echo(f"adopted: model version {model.version} is active", err=True)
     for line in waiting_lines(model, machine):
-        typer.echo(line, err=True)
+        echo(line, err=True)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile
 from app.api.files.instrument_files import instrument_format
 from app.api.files.verification_check import check_verification, complain_of_fields
 from app.cli.contract_json import read_json
 from app.cli.import_checks import choose_machine, naming
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.geometry.components import parse_component
 from thermap import FieldError, InvalidContentError, ThermapClient
@@ -105,7 +104,7 @@ def store_verifications(
     """
     for i, one in enumerate(files):
         for remark in one.remarks:
-            typer.echo(f"{one.file}: note: {remark}", err=True)
+            echo(f"{one.file}: note: {remark}", err=True)
         unsent = [later.file for later in files[i + 1 :]]
         with naming(one.file, unsent):
             try:
@@ -118,8 +117,8 @@ def store_verifications(
                 raise UnreadableFile("\n".join(reason)) from error
         for warning in found.warnings:
             if warning not in one.remarks:
-                typer.echo(f"{one.file}: note: {warning}", err=True)
-        typer.echo(
+                echo(f"{one.file}: note: {warning}", err=True)
+        echo(
             f"{one.file}: verification {found.label!r}, number {found.id}, "
             f"{counted(found.count, 'observation')}"
             + (f". {found.judgement.summary}" if found.judgement else ""),

@@ -23,6 +23,7 @@ from app.cli.options import (
     expect_page,
     write_file,
 )
+from app.cli.terminal import echo, write_document
 from app.errors import list_names
 from thermap import DEFAULT_URL
 
@@ -74,13 +75,13 @@ def show_analysis(
         chosen = chosen_machine(thermap, machine)
         content = thermap.content(loop_calls.analysis(chosen, number))
         if json:
-            typer.echo(content.decode())
+            write_document(content.decode() + "\n")
         else:
             # As the pages read it too: views are of the service's own classes.
             show_view(analysis_view(AnalysisAnswer.model_validate_json(content, extra="ignore")))
         if output is not None:
             write_file(output, thermap.analysis_report(chosen, number))
-            typer.echo(f"{output}: the report of analysis {number}", err=True)
+            echo(f"{output}: the report of analysis {number}", err=True)
 
 
 @analyses.command("cancel")
@@ -125,7 +126,7 @@ def delete_analysis(
             yes=yes,
         )
         thermap.delete_analysis(chosen, number)
-    typer.echo(f"analysis {number} deleted")
+    echo(f"analysis {number} deleted")
 
 
 def analyses_view(found: Sequence[AnalysisHead]) -> RenderableType:

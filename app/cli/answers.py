@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, TypeVar
 
-from rich.console import Console, RenderableType
-from rich.markup import escape
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.console import console
 from app.cli.options import chosen_machine, connect
+from app.cli.terminal import write_document
 from app.errors import list_names
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def show(
         Write the service's JSON instead.
     """
     if json:
-        sys.stdout.write(thermap.content(call).decode() + "\n")
+        write_document(thermap.content(call).decode() + "\n")
     else:
         show_view(view(thermap.send(call)))
 
@@ -69,7 +69,7 @@ def shell_words(words: Iterable[str]) -> str:
 
 def show_view(view: RenderableType) -> None:
     """Write a view to the terminal, or into a pipe, as wide as that is."""
-    Console(highlight=False).print(view)
+    console().print(view)
 
 
 def listing(*headings: str, right: str = "") -> Table:
@@ -84,8 +84,7 @@ def listing(*headings: str, right: str = "") -> Table:
     """
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     for i, heading in enumerate(headings):
-        # Unescaped, a unit such as [mm] is taken for a style, and not shown.
-        table.add_column(escape(heading), justify="right" if right[i : i + 1] == "r" else "left")
+        table.add_column(heading, justify="right" if right[i : i + 1] == "r" else "left")
     return table
 
 

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import app as package
+from app.cli.terminal import complain, echo, printable_lines
 from app.errors import ThermapError
 
 
@@ -149,6 +150,7 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except typer.BadParameter as wrong:
             _say_what_came(wrong)
+            wrong.message = printable_lines(str(wrong.message))
             raise
         except ThermapError as error:
             _fail(error.detail)
@@ -182,7 +184,7 @@ application = typer.Typer(
 
 def _show_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"thermap {package.__version__}")
+        echo(f"thermap {package.__version__}")
         raise typer.Exit
 
 
@@ -258,6 +260,5 @@ def _explain(error: Exception) -> None:
 
 
 def _fail(sentence: str) -> None:
-    typer.secho("thermap: ", err=True, fg="red", nl=False)
-    typer.echo(sentence, err=True)
+    complain(sentence)
     raise typer.Exit(1)

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from app.cli.options import DatabaseOption, confirm
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.events.event import acting
 from app.settings import make_own_folder
@@ -29,7 +30,7 @@ def backup(
     Example: `thermap backup friday.thermap`
     """
     contents = write_backup(database_url, file)
-    typer.echo(f"backup {file}: {_summary(contents)}")
+    echo(f"backup {file}: {_summary(contents)}")
 
 
 def restore(
@@ -76,9 +77,9 @@ def restore(
         restored = restore_backup(database_url, file, replace=replace, with_keys=with_keys)
     finally:
         acting.reset(before)
-    typer.echo(f"restored {file}: {_summary(restored.contents)}")
+    echo(f"restored {file}: {_summary(restored.contents)}")
     for words in _of_keys(restored.keys):
-        typer.echo(words)
+        echo(words)
 
 
 def _of_keys(keys: RestoredKeys) -> Iterator[str]:

@@ -9,7 +9,6 @@ stand in every row.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -18,10 +17,11 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.console import console
 from app.cli.options import (
     MachineArgument,
     TemperatureOption,
@@ -30,6 +30,7 @@ from app.cli.options import (
     in_options,
     read_named_numbers,
 )
+from app.cli.terminal import write_document
 from app.geometry.components import COMPONENTS
 from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, ThermapClient, calls
@@ -90,10 +91,12 @@ def compensate(
             call: Call[Any] = calls.current_table(machine, etag=None)
             if temperatures_c:
                 call = calls.compensation(machine, temperatures_c, numbers)
-            sys.stdout.write(thermap.content(call).decode() + "\n")
+            write_document(thermap.content(call).decode() + "\n")
             return
-        console = Console(highlight=False)
-        console.print(table_view(_table(thermap, machine, temperatures_c, numbers), console.width))
+        terminal = console()
+        terminal.print(
+            table_view(_table(thermap, machine, temperatures_c, numbers), terminal.width)
+        )
 
 
 def _table(

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from app.cli.answers import listing, or_nothing, show, when
 from app.cli.options import JsonOption, UrlOption, connect
+from app.cli.terminal import echo
 from app.errors import InvalidContent, counted, list_names
 from thermap import DEFAULT_URL
 
@@ -58,7 +59,7 @@ def check(
 
     found = read_connections(file).connections
     number = counted(len(found), "connection")
-    typer.echo(f"{file}: {number}: {list_names(one.name for one in found)}")
+    echo(f"{file}: {number}: {list_names(one.name for one in found)}")
 
 
 @connections.command()
@@ -99,8 +100,8 @@ def certificate(
         raise InvalidContent(
             f"expected to make the new files {file} and {key}: {why.strerror}: {why.filename}"
         ) from None
-    typer.echo(f"{file}: {made.words}, valid to {made.content.not_valid_after_utc:%Y-%m-%d}")
-    typer.echo(f"{key}: its private key, which nobody else may read")
+    echo(f"{file}: {made.words}, valid to {made.content.not_valid_after_utc:%Y-%m-%d}")
+    echo(f"{key}: its private key, which nobody else may read")
 
 
 def connections_view(found: ConnectionsNow) -> RenderableType:

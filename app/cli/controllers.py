@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json as json_text
-import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from app.api.files.decimal_text import read_number
 from app.cli.answers import listing
+from app.cli.console import console
 from app.cli.options import (
     JsonOption,
     MachineArgument,
@@ -27,6 +27,7 @@ from app.cli.options import (
     read_named_numbers,
     read_point,
 )
+from app.cli.terminal import write_document
 from app.errors import ThermapError, list_names
 from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, calls
@@ -81,18 +82,18 @@ def controllers(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
     """
     with connect(url) as thermap:
         if json:
-            sys.stdout.write(thermap.content(calls.controllers()).decode() + "\n")
+            write_document(thermap.content(calls.controllers()).decode() + "\n")
             return
         found = thermap.controllers().controllers
-    console = Console(highlight=False)
+    terminal = console()
     for one in found:
         sign = f"the {one.sign}" if one.sign else "to be stated (sign=error or sign=compensation)"
-        console.print(Text(one.name, style="bold"), Text(f"{one.title} · {one.status}"))
-        console.print(Text(f"  values: {sign}, {one.units}; positions: {one.spacing}"))
-        console.print(Text(f"  limits: {one.limits}"))
+        terminal.print(Text(one.name, style="bold"), Text(f"{one.title} · {one.status}"))
+        terminal.print(Text(f"  values: {sign}, {one.units}; positions: {one.spacing}"))
+        terminal.print(Text(f"  limits: {one.limits}"))
         for option in one.options:
             default = "needed" if option.required else f"default {json_text.dumps(option.default)}"
-            console.print(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
+            terminal.print(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
 
 
 def export(
@@ -140,12 +141,12 @@ def export(
     if output is not None:
         write_files(output, found.files, overwrite=overwrite)
     if json:
-        sys.stdout.write(content.decode() + "\n")
+        write_document(content.decode() + "\n")
         return
-    console = Console(highlight=False)
-    console.print(export_view(found))
+    terminal = console()
+    terminal.print(export_view(found))
     where = f"written to {output}" if output else "written nowhere: state --output FOLDER"
-    console.print(Text(f"{list_names(file.name for file in found.files)}: {where}"))
+    terminal.print(Text(f"{list_names(file.name for file in found.files)}: {where}"))
 
 
 def compare(
@@ -168,10 +169,10 @@ def compare(
     with connect(url) as thermap, in_options():
         content = thermap.content(calls.compare_compensation(machine, controller, question))
     if json:
-        sys.stdout.write(content.decode() + "\n")
+        write_document(content.decode() + "\n")
         return
     found = CompareAnswer.model_validate_json(content, extra="ignore")
-    Console(highlight=False).print(compare_view(found))
+    console().print(compare_view(found))
 
 
 def _question(temperature: Iterable[str] | None, option: Iterable[str] | None, tool: str) -> Any:

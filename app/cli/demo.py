@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
+from app.cli.console import console
 from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
 from app.cli.demo_week import loading_week, show_later, week_hint
@@ -32,6 +33,7 @@ from app.cli.listening import (
     url_of,
 )
 from app.cli.options import UrlOption, connect
+from app.cli.terminal import echo
 from app.settings import sqlite_url
 from app.simulation.example.remaining_error import remaining_errors
 from thermap import ThermapClient
@@ -120,21 +122,21 @@ def demo(
             url = url_of(opened)
             service = make_service(settings)
             running.enter_context(serving(service, opened, settings.log_level))
-            typer.echo(f"thermap demo: dashboard {url}, to read and try: {url}/docs")
-            typer.echo(f"database {database_of(service)}{new_database_note(service)}\n")
+            echo(f"thermap demo: dashboard {url}, to read and try: {url}/docs")
+            echo(f"database {database_of(service)}{new_database_note(service)}\n")
         thermap = running.enter_context(connect(url))
         machine = set_up(thermap)
-        console = Console(highlight=False)
-        console.print(argument_view(remaining_errors()))
-        console.print()
+        terminal = console()
+        terminal.print(argument_view(remaining_errors()))
+        terminal.print()
         # A command that is to be copied stays in one line, however narrow the terminal.
-        console.print(week_hint(thermap.base_url), crop=False)
-        console.print()
+        terminal.print(week_hint(thermap.base_url), crop=False)
+        terminal.print()
         tables = _live_tables(thermap, machine)
         first = next(tables)
         # The first table stands before anything else is asked of the service.
         running.enter_context(loading_week(url))
-        _show(first, tables, console)
+        _show(first, tables, terminal)
 
 
 def _where(ctx: typer.Context, url: str, host: str, port: int) -> str:
@@ -162,16 +164,16 @@ def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompen
 def _show(
     first: CurrentCompensationAnswer,
     tables: Iterator[CurrentCompensationAnswer],
-    console: Console,
+    terminal: Console,
 ) -> None:
     """On a terminal the table that changes; in a pipe the table once, then a line now and then."""
-    if console.is_terminal:
-        with Live(live_view(first, console), console=console, auto_refresh=False) as live:
+    if terminal.is_terminal:
+        with Live(live_view(first, terminal), console=terminal, auto_refresh=False) as live:
             for table in tables:
-                live.update(live_view(table, console), refresh=True)
-    console.print(live_view(first, console))
+                live.update(live_view(table, terminal), refresh=True)
+    terminal.print(live_view(first, terminal))
     last_line_s = time.monotonic()
     for table in tables:
         if time.monotonic() - last_line_s >= LINE_EVERY_S:
             last_line_s += LINE_EVERY_S
-            typer.echo(short_line(table))
+            echo(short_line(table))

@@ -6,13 +6,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.text import Text
 
+from app.cli.console import console
 from app.cli.models import comparison_view
 from app.cli.options import connect
 from app.cli.simulate_campaign import store_maps, store_measured
+from app.cli.terminal import echo
 from app.errors import Conflict, ThermapError
 from app.simulation.week import ID, NAME, Week, make_week
 from thermap import DEFAULT_URL, ThermapClient, ThermapClientError, UnknownThingError, loop_calls
@@ -44,7 +45,7 @@ def loading_week(url: str) -> Iterator[None]:
                 set_up_week(thermap)
         except (ThermapError, ThermapClientError) as error:
             if not ended.is_set():
-                typer.echo(f"{ID} is not there: {error}", err=True)
+                echo(f"{ID} is not there: {error}", err=True)
 
     thread = threading.Thread(target=load, name="week", daemon=True)
     thread.start()
@@ -90,7 +91,7 @@ def show_later(url: str) -> None:
     """
     with connect(url) as thermap:
         compared = compare_later(thermap, make_week())
-    Console(highlight=False).print(comparison_view(compared))
+    console().print(comparison_view(compared))
 
 
 def compare_later(thermap: ThermapClient, week: Week) -> ModelComparisonAnswer:

@@ -14,6 +14,7 @@ from rich.text import Text
 from app.cli.answers import listing, show_view
 from app.cli.examine_service import examine_service
 from app.cli.options import DatabaseOption, UrlOption
+from app.cli.terminal import echo
 from app.connections.config import read_connections
 from app.errors import InvalidContent, ThermapError
 from app.services.doctor import (
@@ -79,7 +80,7 @@ def doctor(
     findings = [finding for part in parts for finding in part]
     verdict = worst(findings)
     if json:
-        typer.echo(
+        echo(
             json_text.dumps(
                 {"verdict": verdict, "findings": [asdict(one) for one in findings]},
                 ensure_ascii=False,

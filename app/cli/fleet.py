@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import typer
 from pydantic import TypeAdapter
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -26,7 +25,9 @@ from rich.progress import (
 from rich.table import Table
 
 from app.api.schemas.fleet import FleetAnswer
+from app.cli.console import console
 from app.cli.options import write_file
+from app.cli.terminal import echo, write_document
 from app.errors import list_names
 from app.identification.fleet import FleetJudgement
 from app.pages.fleet_report import fleet_report
@@ -57,19 +58,19 @@ def judge_every_machine(
     try:
         judgement = _judged(thermap, _question(effects, holdout))
     except KeyboardInterrupt:
-        typer.echo(
+        echo(
             "interrupted: the analyses that were asked for go on. The same command continues "
             "with them; with --cancel it ends them",
             err=True,
         )
         raise typer.Exit(130) from None
     if json:
-        typer.echo(_JUDGEMENT.dump_json(judgement).decode())
+        write_document(_JUDGEMENT.dump_json(judgement).decode() + "\n")
     else:
         _show(judgement)
     if output is not None:
         write_file(output, fleet_report(judgement))
-        typer.echo(f"{output}: the report of {len(judgement.machines)} machines", err=True)
+        echo(f"{output}: the report of {len(judgement.machines)} machines", err=True)
 
 
 def cancel_every_analysis(
@@ -79,7 +80,7 @@ def cancel_every_analysis(
     answer = _read(thermap, loop_calls.cancel_fleet(_question(effects, holdout)))
     _say_refused(answer)
     said = f"cancelled: {list_names(answer.done)}" if answer.done else "nothing was going on"
-    typer.echo(said, err=True)
+    echo(said, err=True)
 
 
 def _question(effects: Sequence[str] | None, holdout: float) -> dict[str, Any]:
@@ -93,15 +94,15 @@ def _read(thermap: ThermapClient, call: Call[Any]) -> FleetAnswer:
 
 def _say_refused(answer: FleetAnswer) -> None:
     for machine, why in answer.refused.items():
-        typer.echo(f"{machine}: {why}", err=True)
+        echo(f"{machine}: {why}", err=True)
 
 
 def _judged(thermap: ThermapClient, question: Mapping[str, Any]) -> FleetJudgement:
     """Ask for what is missing, and follow it until there is a judgement."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    terminal = console(stderr=True)
     with Progress(
-        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
+        *columns, TimeElapsedColumn(), console=terminal, disable=not terminal.is_terminal
     ) as progress:
         task = progress.add_task("analysing", total=None)
         while True:
@@ -144,8 +145,8 @@ def _going_on(answer: FleetAnswer) -> list[str]:
 
 def _show(judgement: FleetJudgement) -> None:
     """Write the findings for a person."""
-    console = Console(highlight=False)
-    console.print(judgement.summary)
+    terminal = console()
+    terminal.print(judgement.summary)
     table = Table("machine", "verdict", "drifts", "found", box=None, pad_edge=False)
     for machine in judgement.machines:
         found = machine.why_not or "; ".join(machine.found) or "–"
@@ -155,8 +156,8 @@ def _show(judgement: FleetJudgement) -> None:
             "yes" if machine.drifts else "–",
             found,
         )
-    console.print(table)
+    terminal.print(table)
     for effect in judgement.effects:
-        console.print(f"\n{sentence(effect.explanation)}\n  {effect.summary}")
+        terminal.print(f"\n{sentence(effect.explanation)}\n  {effect.summary}")
         for one in effect.tried_on:
-            console.print(f"  {one.machine}: {one.result.verdict}; {one.result.reason}")
+            terminal.print(f"  {one.machine}: {one.result.verdict}; {one.result.reason}")

@@ -13,6 +13,7 @@ import typer
 
 import app as package
 from app.cli.options import MachineArgument, UrlOption, command_group, connect, write_file
+from app.cli.terminal import echo, write_document
 from app.errors import ThermapError, list_names
 from app.hal.curves import (
     AXES,
@@ -163,11 +164,11 @@ def write_wiring(
     except NotWired as error:
         raise NotStarted(str(error)) from None
     if output is None:
-        sys.stdout.write(text)
+        write_document(text)
     else:
         write_file(output, text)
     if lacking := _not_in_curves(maps, nodes):
-        typer.echo(f"note: not in HAL's curves: {list_names(lacking)}", err=True)
+        echo(f"note: not in HAL's curves: {list_names(lacking)}", err=True)
 
 
 @hal.command("follow")

@@ -13,6 +13,7 @@ import typer
 from app.api.files.csv_comments import Stated
 from app.cli.answers import shell_words
 from app.cli.models import preview_lines, waiting_lines
+from app.cli.terminal import echo
 from app.errors import Conflict, ThermapError, list_names
 from app.geometry.components import COMPONENTS, ORDER, parse_component
 from thermap import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
@@ -127,10 +128,10 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
     """
     for line in preview_lines(preview):
         good = line.startswith(("would gain", "would change", "would have changed"))
-        typer.echo(f"{file}: {line}", err=not good)
+        echo(f"{file}: {line}", err=not good)
     if alone:
         if preview.not_compared:
-            typer.echo(
+            echo(
                 f"{file}: it is not known by how much tables would change ({preview.not_compared})"
             )
         became = (
@@ -138,7 +139,7 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
             if preview.activated
             else "would wait, and tables would stay as they are"
         )
-        typer.echo(
+        echo(
             f"{file}: a preview, nothing was stored; the model version that this map makes {became}"
         )
 
@@ -163,9 +164,9 @@ def report_stored_map(
         text = f"error map {label!r} stored as number {number}"
         active = version or thermap.machine(machine).active_model
         text += "" if waits else f", model version {active}"
-    typer.echo(f"{file}: {text}")
+    echo(f"{file}: {text}")
     for line in waits:
-        typer.echo(f"{file}: {line}", err=True)
+        echo(f"{file}: {line}", err=True)
 
 
 def settings_of_stored(machine: MachineAnswer) -> MachineSettings:
@@ -205,7 +206,7 @@ def note_unassigned_components(
     )
     sensors = list(described.sensors)
     first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
-    typer.echo(
+    echo(
         f"note: no sensor is assigned to {list_names(without)}: tables will not have them, and "
         "nothing can be compared with them. Machine "
         f"{machine.id!r} has the sensors {list_names(sensors)}"

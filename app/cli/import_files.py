@@ -32,6 +32,7 @@ from app.cli.import_checks import (
 )
 from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
+from app.cli.terminal import echo
 from app.errors import Conflict, counted, list_names
 from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
 
@@ -305,7 +306,7 @@ def _send(
 ) -> None:
     """Send a file's content; what was `said` of a machine's earlier map is not said again."""
     for remark in one.remarks:
-        typer.echo(f"{one.file}: note: {remark}", err=True)
+        echo(f"{one.file}: note: {remark}", err=True)
     if mode.preview:
         for error_map in one.error_maps:
             preview = thermap.preview_error_map(one.machine, error_map)
@@ -313,7 +314,7 @@ def _send(
             _note_once(one.machine, preview.warnings, said)
         return
     for settings in one.machines:
-        typer.echo(f"{one.file}: {_send_machine(thermap, settings)}")
+        echo(f"{one.file}: {_send_machine(thermap, settings)}")
     known = {m.label for m in thermap.error_maps(one.machine)} if one.error_maps else set()
     for error_map in one.error_maps:
         show_preview(one.file, thermap.preview_error_map(one.machine, error_map))
@@ -331,17 +332,17 @@ def _send(
         known.add(stored.label)
     if one.readings:
         done = thermap.store_readings(one.machine, one.readings)
-        typer.echo(
+        echo(
             f"{one.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} there already"
         )
         for warning in done.warnings:
-            typer.echo(f"{one.file}: {warning}", err=True)
+            echo(f"{one.file}: {warning}", err=True)
 
 
 def _note_once(machine: str, warnings: Iterable[str], said: set[tuple[str, str]]) -> None:
     for warning in warnings:
         if (machine, warning) not in said:
-            typer.echo(f"note: {warning}", err=True)
+            echo(f"note: {warning}", err=True)
         said.add((machine, warning))
 
 

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import typer
 from pydantic import ValidationError
-from rich.console import Console
 
 from app.api.field_errors import field_error
 from app.api.files.csv_comments import Stated
@@ -25,6 +24,7 @@ from app.api.schemas.measurements.parts import (
     MachinedPartRequest,
     RotaryAxisRequest,
 )
+from app.cli.console import console
 from app.cli.contract_json import read_json
 from app.cli.import_checks import (
     ImportMode,
@@ -39,6 +39,7 @@ from app.cli.import_checks import (
 )
 from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
+from app.cli.terminal import echo, write_document
 from app.errors import counted, list_names
 from thermap import ThermapClient, calls
 from thermap.answers import (
@@ -133,7 +134,7 @@ def import_measurements(
         _check_with_service(thermap, method, measured, mode)
         for i, one in enumerate(measured):
             for remark in one.remarks:
-                typer.echo(f"{one.file}: note: {remark}", err=True)
+                echo(f"{one.file}: note: {remark}", err=True)
             with naming(one.file, [later.file for later in measured[i + 1 :]]):
                 _send(thermap, method, one, mode, json)
 
@@ -283,7 +284,7 @@ def _send(
     )
     call = _call(method, one, storing)
     if json:
-        typer.echo(thermap.content(call).decode())
+        write_document(thermap.content(call).decode() + "\n")
         return
     known: set[str] = set()
     if mode.stores_map:
@@ -300,10 +301,10 @@ def _send(
                 thermap, one.file, one.machine, label, number, answer, was_there=label in known
             )
     elif not mode.store or not mode.as_verification:
-        typer.echo(f"{one.file}: {answer.method} evaluated, nothing stored")
+        echo(f"{one.file}: {answer.method} evaluated, nothing stored")
     if isinstance(answer, ThermalDriftAnswer) and answer.verification is not None:
-        typer.echo(f"{one.file}: {_kept_words(one, answer.verification)}")
-    Console(highlight=False).print(measurement_view(answer))
+        echo(f"{one.file}: {_kept_words(one, answer.verification)}")
+    console().print(measurement_view(answer))
 
 
 def _kept_words(one: MeasuredFile, kept: DriftVerificationAnswer) -> str:

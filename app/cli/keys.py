@@ -14,6 +14,7 @@ import typer
 from app.access.keys import AccessKey, Role
 from app.cli.answers import listing, show_view, when
 from app.cli.options import DatabaseOption, JsonOption, YesOption, command_group, confirm
+from app.cli.terminal import echo, write_document
 from app.errors import list_names
 from app.events.event import acting
 from app.services.access_keys import (
@@ -76,8 +77,8 @@ def create(
     finally:
         database.close()
     key = made.key
-    typer.echo(made.secret)
-    typer.echo(
+    echo(made.secret)
+    echo(
         f"key {key.name}, {key.role}, for {_machines(key)}. It is shown this once. Clients "
         "state it as `Authorization: Bearer KEY`, or read it from THERMAP_KEY",
         err=True,
@@ -94,13 +95,13 @@ def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None
     finally:
         database.close()
     if unreadable:
-        typer.echo(
+        echo(
             "no keys here, as this version does not know their role or machines: "
             f"{list_names(unreadable)}; `thermap keys revoke` deletes them",
             err=True,
         )
     if json:
-        typer.echo(json_text.dumps([asdict(key) for key in found], default=str))
+        write_document(json_text.dumps([asdict(key) for key in found], default=str) + "\n")
         return
     table = listing("key", "role", "machines", "made", "last used")
     for key in found:
@@ -130,9 +131,9 @@ def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption =
         revoke_key(database, name, last_admin=is_last)
     finally:
         database.close()
-    typer.echo(f"key {name} is revoked")
+    echo(f"key {name} is revoked")
     if is_last:
-        typer.echo(
+        echo(
             "no key of an admin is left; `thermap keys create NAME --role admin` makes one",
             err=True,
         )

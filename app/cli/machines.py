@@ -20,6 +20,7 @@ from app.cli.options import (
     confirm,
     connect,
 )
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from thermap import DEFAULT_URL
 
@@ -142,7 +143,7 @@ def delete_machine(
             yes=yes,
         )
         thermap.delete_machine(machine)
-    typer.echo(f"machine {machine!r} deleted")
+    echo(f"machine {machine!r} deleted")
 
 
 def machines_view(found: Sequence[MachineAnswer]) -> RenderableType:

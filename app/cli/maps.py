@@ -21,6 +21,7 @@ from app.cli.options import (
     confirm,
     connect,
 )
+from app.cli.terminal import echo
 from app.errors import list_names
 from thermap import DEFAULT_URL
 
@@ -86,7 +87,7 @@ def delete_map(
         chosen = chosen_machine(thermap, machine)
         label = thermap.error_map(chosen, number).label
         for line in preview_lines(thermap.preview_map_deletion(chosen, number)):
-            typer.echo(f"without {label!r} tables {line}", err=True)
+            echo(f"without {label!r} tables {line}", err=True)
         confirm(
             f"error map {label!r} was not deleted",
             f"Take error map {label!r} (number {number}) of {chosen!r} out of use?",
@@ -94,7 +95,7 @@ def delete_map(
         )
         thermap.delete_error_map(chosen, number)
         active = thermap.machine(chosen).active_model
-    typer.echo(f"error map {label!r} is out of use; the active model version is {active}")
+    echo(f"error map {label!r} is out of use; the active model version is {active}")
 
 
 def maps_view(found: Sequence[ErrorMapAnswer]) -> RenderableType:

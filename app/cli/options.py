@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from app.api.files.decimal_text import read_number
+from app.cli.terminal import printable_lines
 from app.errors import ThermapError, list_names
 from app.units import read_time as read_iso_time
 from thermap import DEFAULT_URL, URL_VARIABLE
@@ -188,7 +189,7 @@ def confirm(what: str, question: str, *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise NotConfirmed(f"{what}: there is no terminal to ask on; --yes does it without asking")
-    if not typer.confirm(question, err=True):
+    if not typer.confirm(printable_lines(question), err=True):
         raise NotConfirmed(what)
 
 

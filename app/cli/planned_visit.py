@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 from app.cli.options import write_file
+from app.cli.terminal import echo
 from app.csv_text import csv_line, no_formula
 from app.errors import counted
 from app.geometry.components import LINEAR_LETTERS
@@ -24,11 +23,11 @@ _COLUMNS: Final = (
 def write_next_visit(file: Path, machine: str, visit: NextVisit | None) -> None:
     """Write the visit that an analysis proposes, or say that it proposes none."""
     if visit is None:
-        typer.echo(f"{file}: not written: the analysis proposes no visit", err=True)
+        echo(f"{file}: not written: the analysis proposes no visit", err=True)
         return
     write_file(file, visit_csv(machine, visit))
     planned = counted(len(visit.planned.observations), "observation")
-    typer.echo(
+    echo(
         f"{file}: {planned} to make; `thermap analyse {machine} --plan --verification {file}` "
         "says what they would show",
         err=True,

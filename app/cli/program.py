@@ -23,6 +23,7 @@ from app.cli.options import (
     read_point,
     read_time,
 )
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.measurement.positioning import RUNS_OF_THE_STANDARD
 from app.programs.body_diagonal import RUNS, body_diagonal_program
@@ -193,22 +194,22 @@ def _write(
     if output is not None:
         write_files(output, files, overwrite=overwrite)
     stops = sum(isinstance(block, Stop) for block in found.blocks)
-    typer.echo(f"{found.title}, {found.machine}, for {dialect.title}: {dialect.status}")
+    echo(f"{found.title}, {found.machine}, for {dialect.title}: {dialect.status}")
     for sentence in (dialect.where, *found.head):
-        typer.echo(f"  {sentence}")
-    typer.echo(
+        echo(f"  {sentence}")
+    echo(
         f"  takes {found.seconds / SECONDS_PER_MIN:.0f} min, rapid moves and acceleration not "
         f"counted, and waits {counted(stops, 'time')} for you"
     )
     for note in found.notes:
-        typer.echo(f"note: {note}", err=True)
+        echo(f"note: {note}", err=True)
     names = list_names(file.name for file in files)
     if output is None:
-        typer.echo(f"{names}: written nowhere: state --output FOLDER")
+        echo(f"{names}: written nowhere: state --output FOLDER")
         return
-    typer.echo(f"{names}: written to {output}")
+    echo(f"{names}: written to {output}")
     command = found.readings.command.replace("FILE", str(output / files[1].name))
-    typer.echo(f"fill in {files[1].name}, then: {command}")
+    echo(f"fill in {files[1].name}, then: {command}")
 
 
 @program.command("positioning")
@@ -433,7 +434,7 @@ def write_visit(
 
     (read,) = read_verifications([file], machine.id, is_planned=True)
     for remark in read.remarks:
-        typer.echo(f"{file}: note: {remark}", err=True)
+        echo(f"{file}: note: {remark}", err=True)
     return visit_program(
         machine,
         manner,

@@ -22,6 +22,7 @@ from app.cli.options import (
     connect,
     read_time,
 )
+from app.cli.terminal import echo
 from app.errors import counted
 from app.units import exact_time
 from thermap import DEFAULT_URL
@@ -157,7 +158,7 @@ def withdraw(
             if time
             else thermap.withdraw_readings(chosen, first, last)
         )
-    typer.echo(f"{counted(done.withdrawn, 'reading')} {when} withdrawn")
+    echo(f"{counted(done.withdrawn, 'reading')} {when} withdrawn")
 
 
 def _span(time: str | None, since: str | None, until: str | None) -> tuple[datetime, datetime]:

@@ -19,7 +19,6 @@ from typing import Annotated, Final
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -36,8 +35,10 @@ from app.api.files.delimited_text import left_out
 from app.api.schemas.readings import ReadingSchema
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
+from app.cli.console import console
 from app.cli.csv_recording import TIME_COLUMNS, Recording, read_recording
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 from app.live.reading_window import kept_spacing_s
@@ -120,7 +121,7 @@ def replay(
             file, _checked_sensors(described, columns), columns, _read_zone(utc_offset)
         )
         if recording.unread:
-            typer.echo(left_out(recording.unread), err=True)
+            echo(left_out(recording.unread), err=True)
         plan = plan_replay(
             recording,
             described.sensors,
@@ -137,11 +138,11 @@ def replay(
 def _announce(thermap: ThermapClient, machine: str, file: Path, plan: Plan) -> None:
     first, last = plan.readings[0].time, plan.readings[-1].time
     reason = f": {plan.reason}" if plan.reason else ""
-    typer.echo(f"{file}: {counted(len(plan.readings), 'reading')} {plan.stamps}{reason}", err=True)
+    echo(f"{file}: {counted(len(plan.readings), 'reading')} {plan.stamps}{reason}", err=True)
     if plan.stamps is not Stamps.AS_SENT:
-        typer.echo(f"from {first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC", err=True)
+        echo(f"from {first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC", err=True)
     if thermap.readings(machine, since=first - _JUMP_WITHIN, limit=1):
-        typer.echo(
+        echo(
             f"note: {machine} has other readings from about that time on; where they differ, "
             "its sensors will seem to jump and there is no live table",
             err=True,
@@ -164,42 +165,42 @@ def _send(thermap: ThermapClient, machine: str, plan: Plan) -> None:
                 sent = due
                 progress.update(task, completed=sent)
     except KeyboardInterrupt:
-        typer.echo(f"stopped after {sent} of {counted(len(plan.readings), 'reading')}", err=True)
+        echo(f"stopped after {sent} of {counted(len(plan.readings), 'reading')}", err=True)
         raise typer.Exit(130) from None
-    typer.echo(f"{counted(stored, 'reading')} stored, {sent - stored} there already")
+    echo(f"{counted(stored, 'reading')} stored, {sent - stored} there already")
 
 
 @contextmanager
 def _progress(total: int) -> Iterator[tuple[Progress, TaskID]]:
     """Show a bar on a terminal, nothing in a pipe."""
-    console = Console(stderr=True)
+    terminal = console(stderr=True)
     columns = (TextColumn("sending"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=terminal, disable=not terminal.is_terminal) as progress:
         yield progress, progress.add_task("sending", total=total)
 
 
 def _show_change(thermap: ThermapClient, machine: str, plan: Plan) -> None:
-    console = Console(highlight=False)
+    terminal = console()
     tables = sampled_tables(thermap, machine, plan.readings)
     if tables:
-        console.print(change_view(component_changes(tables)))
+        terminal.print(change_view(component_changes(tables)))
     else:
-        console.print("no reading of these has a compensation table")
+        terminal.print("no reading of these has a compensation table")
     try:
         tagged = thermap.current_table(machine)
     except ConflictError as error:
-        console.print(f"no live table: {error.detail}")
+        terminal.print(f"no live table: {error.detail}")
         return
     assert tagged is not None  # without an ETag there is always a table
     table = tagged.table
     newer = table.reading_time > plan.readings[-1].time + timedelta(milliseconds=1)
-    console.print(
+    terminal.print(
         f"live table: {'a newer reading' if newer else 'the last reading'} of "
         f"{table.reading_time:%Y-%m-%d %H:%M:%S} UTC, {table.reading_age_s:.0f} s old, "
         f"{'complete' if table.complete else 'not complete'}"
     )
     for warning in table.warnings:
-        console.print(f"! {warning}", style="yellow")
+        terminal.print(f"! {warning}", style="yellow")
 
 
 def _read_columns(stated: list[str] | None) -> dict[str, str]:

@@ -26,6 +26,7 @@ from app.cli.options import (
     command_group,
     connect,
 )
+from app.cli.terminal import echo
 from app.errors import list_names
 from thermap import DEFAULT_URL
 
@@ -80,7 +81,7 @@ def assign_sensors(
         )
         if not json:
             active = thermap.machine(chosen).active_model
-            typer.echo(f"\nthe active model version of {chosen!r} is {active}")
+            echo(f"\nthe active model version of {chosen!r} is {active}")
 
 
 @sensors.command("correlate")

@@ -28,6 +28,7 @@ from app.cli.listening import (
     url_of,
 )
 from app.cli.logs import LogFormat, write_log_as
+from app.cli.terminal import echo
 from app.cli.workers import Workers
 from app.services.access_keys import create_first_key
 from app.settings import Settings, is_postgresql, is_this_computer, sqlite_url
@@ -230,20 +231,20 @@ def serve(
     with exiting_on_signals(), listening(settings.host, settings.port, "serve") as opened:
         service = make_service(settings)
         first = create_first_key(service.state.context.database) if settings.asks_for_keys else None
-        typer.echo(f"thermap {package.__version__} listens on {url_of(opened)}")
-        typer.echo(f"  dashboard         {url_of(opened)}/")
-        typer.echo(f"  to read and try   {url_of(opened)}/docs")
-        typer.echo(f"  database          {database_of(service)}{new_database_note(service)}")
+        echo(f"thermap {package.__version__} listens on {url_of(opened)}")
+        echo(f"  dashboard         {url_of(opened)}/")
+        echo(f"  to read and try   {url_of(opened)}/docs")
+        echo(f"  database          {database_of(service)}{new_database_note(service)}")
         if settings.opcua_endpoint:
-            typer.echo(f"  OPC UA            {settings.opcua_endpoint}")
+            echo(f"  OPC UA            {settings.opcua_endpoint}")
         if first is not None:
-            typer.echo(f"  key (admin)       {first}")
-            typer.echo("                    shown this once; `thermap keys create` makes others")
+            echo(f"  key (admin)       {first}")
+            echo("                    shown this once; `thermap keys create` makes others")
         elif settings.insecure and not is_this_computer(settings.host):
-            typer.echo("  no keys           who reaches this address may change everything")
+            echo("  no keys           who reaches this address may change everything")
         if workers > 1:
-            typer.echo(f"  workers           {workers}")
-        typer.echo("  Ctrl-C stops it")
+            echo(f"  workers           {workers}")
+        echo("  Ctrl-C stops it")
         if workers > 1:
             service.state.context.database.close()  # each worker has connections of its own
             Workers(settings, opened, workers, log_format).run()

@@ -28,6 +28,7 @@ from app.cli.options import (
 from app.cli.simulate_campaign import simulate_campaign
 from app.cli.simulate_thermal_drift import simulate_thermal_drift
 from app.cli.simulate_verification import simulate_verification
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
 from app.measurement.step_diagonal_readings import TARGETS
@@ -148,9 +149,9 @@ def simulate_step_diagonal(
         [f"counted as zero: {list_names(found.counted_as_zero)}"] if found.counted_as_zero else []
     )
     for warning in [*zero, *found.warnings]:
-        typer.echo(f"note: {warning}", err=True)
+        echo(f"note: {warning}", err=True)
     walked = f"{counted(len(found.diagonals), 'diagonal')} in {counted(steps, 'step')}"
-    typer.echo(f"{output}: {walked}, simulated")
+    echo(f"{output}: {walked}, simulated")
 
 
 def step_diagonal_lines(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from app.cli.options import UrlOption, connect, expect_finite
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from thermap import DEFAULT_URL
 
@@ -279,7 +280,7 @@ def simulate_campaign(
     content = (
         f"{counted(len(made.readings), 'reading')}, {counted(len(verifications), 'verification')}"
     )
-    typer.echo(f"machine {name!r}: {content}, simulated with seed {seed}")
+    echo(f"machine {name!r}: {content}, simulated with seed {seed}")
     if output is not None:
         _say_what_next(output, name, stored=store)
 
@@ -352,14 +353,12 @@ def _write(made: Campaign, folder: Path, machine: Body, verifications: Sequence[
 
 
 def _say_what_next(folder: Path, machine: str, *, stored: bool) -> None:
-    typer.echo(f"truth: {folder / 'truth.json'}")
+    echo(f"truth: {folder / 'truth.json'}")
     if not stored:
         stems = ("machine", "error-map-*", "readings-*")
         files = " ".join(str(folder / f"{stem}.json") for stem in stems)
-        typer.echo(f"thermap import {files} --machine {machine}")
-        typer.echo(
-            f"thermap analyse {machine} $(printf -- '-v %s ' {folder / 'verification-*.json'})"
-        )
+        echo(f"thermap import {files} --machine {machine}")
+        echo(f"thermap analyse {machine} $(printf -- '-v %s ' {folder / 'verification-*.json'})")
 
 
 def store_maps(thermap: ThermapClient, machine: str, error_maps: Sequence[Body]) -> None:

@@ -32,6 +32,7 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.simulate_verification import NothingToSimulate
+from app.cli.terminal import echo
 from app.csv_text import csv_line, no_formula
 from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
@@ -196,7 +197,7 @@ def simulate_thermal_drift(
     ]
     write_file(output, _written(head, sensors, rows, values))
     lasting = (rows[-1].reading.time - rows[0].reading.time) / timedelta(hours=1)
-    typer.echo(f"{output}: {counted(len(rows), 'reading')} over {lasting:.3g} h, simulated")
+    echo(f"{output}: {counted(len(rows), 'reading')} over {lasting:.3g} h, simulated")
 
 
 def _expect_test(test: str, axis: str | None, targets: Sequence[float] | None) -> None:

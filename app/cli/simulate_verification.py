@@ -27,6 +27,7 @@ from app.cli.options import (
     read_time,
     write_file,
 )
+from app.cli.terminal import echo
 from app.csv_text import csv_line, no_formula
 from app.errors import ThermapError, UnknownComponent, counted, list_names
 from thermap import DEFAULT_URL
@@ -201,13 +202,13 @@ def simulate_verification(
     head += [f"repeatability_um: {noise:g}"] if noise else []
     write_file(output, _written(head, rows))
     if left_out:
-        typer.echo(
+        echo(
             f"note: {counted(left_out, 'observation')} left out: there is no reading around its "
             "time, or no two maps have the component",
             err=True,
         )
     content = f"{counted(len(rows), 'observation')} in {counted(len(planned.visits), 'visit')}"
-    typer.echo(f"{output}: {content}, simulated")
+    echo(f"{output}: {content}, simulated")
 
 
 def _predictable(visit: Iterable[Observation]) -> list[Observation]:
@@ -276,13 +277,13 @@ def _default_plan(
             "recorded ones"
         )
     if len(starts) < visits:
-        typer.echo(
+        echo(
             f"note: {counted(len(starts), 'visit')} instead of {visits}: the stored readings have "
             f"no more that are {VISITS_APART / timedelta(hours=1):g} hours apart",
             err=True,
         )
     if every < OBSERVATION_EVERY:
-        typer.echo(
+        echo(
             f"note: an observation every {every.total_seconds():.2g} s: the stored readings cover "
             "no more",
             err=True,

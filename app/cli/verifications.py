@@ -24,6 +24,7 @@ from app.cli.options import (
     expect_page,
     write_file,
 )
+from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.pages.report_parts.words import zeros_text
 from thermap import DEFAULT_URL
@@ -118,7 +119,7 @@ def show_residuals(
         show(thermap, call, residuals_view, json=json)
         if output is not None:
             write_file(output, thermap.residuals_page(chosen, asked, model_version))
-            typer.echo(f"{output}: residuals as a page", err=True)
+            echo(f"{output}: residuals as a page", err=True)
 
 
 @verifications.command("delete")
@@ -142,7 +143,7 @@ def delete_verification(
             yes=yes,
         )
         thermap.delete_verification(chosen, number)
-    typer.echo(f"verification {present.label!r} deleted")
+    echo(f"verification {present.label!r} deleted")
 
 
 def verifications_view(found: Sequence[VerificationAnswer]) -> RenderableType:

@@ -12,6 +12,7 @@ import app as package
 from app.cli.beat import Beat, check_beat
 from app.cli.logs import LogFormat, write_log_as
 from app.cli.options import DatabaseOption
+from app.cli.terminal import echo
 from app.errors import InvalidContent, counted
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def _check(beat_file: Path | None) -> None:
             "expected the file that the worker writes, got none", param_hint="--beat-file"
         )
     lives, words = check_beat(beat_file)
-    typer.echo(words, err=not lives)
+    echo(words, err=not lives)
     if not lives:
         raise typer.Exit(1)
 
@@ -123,9 +124,9 @@ def _work(database: Database, concurrency: int, finish_s: float, beat: Beat) -> 
             beat.begin()
             runner.start()
             jobs = counted(concurrency, "analysis", "analyses")
-            typer.echo(f"thermap {package.__version__} runs {jobs} at a time")
-            typer.echo(f"  database          {database.name}")
-            typer.echo("  Ctrl-C stops it")
+            echo(f"thermap {package.__version__} runs {jobs} at a time")
+            echo(f"  database          {database.name}")
+            echo("  Ctrl-C stops it")
             try:
                 wait_for_signal()
             finally:
