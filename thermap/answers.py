@@ -1035,6 +1035,50 @@ class LargestValue(Shape):
     """Whether it is that of the backward approach, where both directions have maps"""
 
 
+class LastCheck(Shape):
+    """
+    By how much verifications of the active model were off, and what was expected.
+
+    Of each component its latest visit counts; this is the one that was furthest from what was
+    expected. What is null is not known: nothing tells the scatter of these measurements, or an
+    earlier version of the service judged them.
+    """
+
+    time: AwareDatetime
+    """When it was measured: its last observation"""
+
+    text: str
+    """The same in words"""
+
+    component: str | None
+    """Code of the component, or `points x`"""
+
+    count: int | None
+    """How many values of it"""
+
+    off: float | None
+    """Their root mean square, measured minus predicted; of one value its size, in `unit`"""
+
+    scatter: float | None
+    """Standard deviation of one observation, the maps' uncertainty included, in `unit`"""
+
+    setup_scatter: float | None
+    """Standard deviation that set-ups add, as earlier visits show it, in `unit`; 0 while there are
+    too few
+    """
+
+    at_most: float | None
+    """What `off` was expected not to exceed, in `unit`: twice the scatter of a value, and more
+    where few values of many components are looked at
+    """
+
+    unit: str | None
+    """Unit of these"""
+
+    as_expected: bool | None
+    """Whether it was off by no more than that"""
+
+
 class LevelTable(Shape):
     """One table of a controller."""
 
@@ -1201,6 +1245,16 @@ class NewAccessKey(Shape):
 
     secret: str
     """What its holder states as `Authorization: Bearer …`; it is stored nowhere"""
+
+
+class NotAdopted(Shape):
+    """Effects that the latest analysis of the active model confirmed, and that nobody adopted."""
+
+    analysis: int
+    """Number of the analysis"""
+
+    effects: list[str]
+    """Each in one sentence"""
 
 
 class NotHeldAnswer(Shape):
@@ -3005,6 +3059,8 @@ class MachineStatus(Shape):
         "incomplete",
         "late",
         "drifting",
+        "check-off",
+        "effect-not-adopted",
         "stand-in",
         "fresh",
     ]
@@ -3050,7 +3106,17 @@ class MachineStatus(Shape):
     """Components outside their maps, the furthest first"""
 
     watch: str
-    """`within` or `beyond` the limits by the sequential test of verifications; `not-judged`"""
+    """Whether verifications prove a lasting change: `within` the limits of the sequential test (no
+    change is proved, which says nothing of the last check), `beyond` them, or `not-judged`
+    """
+
+    last_check: LastCheck | None
+    """By how much the latest verification of the active model was off; null before the first"""
+
+    not_adopted: NotAdopted | None
+    """What the latest analysis of the active model confirmed and is not in the table; null where
+    there is none, or where effects of that analysis were adopted
+    """
 
     analysis: RunningAnalysis | None
     """The analysis that waits or runs"""

@@ -142,15 +142,30 @@ def _of_database(values: ShopValues) -> Iterator[Metric]:
         "1 where verifications are beyond what a machine's model allows, 0 where within; none "
         "where nothing could be judged yet",
     )
+    as_expected = _family(
+        "thermap_machine_last_check_as_expected",
+        "1 where the latest verification was off by no more than was to be expected, 0 where by "
+        "more; none where that is not known",
+    )
+    not_adopted = _family(
+        "thermap_machine_effects_not_adopted",
+        "Effects that the latest analysis of the active model confirmed and nobody adopted",
+    )
     waits = _family(
         "thermap_machine_analysis_progress_ratio",
         "Share that is done of the oldest analysis of a machine that waits or runs",
     )
     for machine in values.machines:
+        which = [machine.machine]
         if machine.watch in _WATCHES:
-            beyond.add_metric([machine.machine], _WATCHES[machine.watch])
+            beyond.add_metric(which, _WATCHES[machine.watch])
+        if machine.last_check is not None and machine.last_check.as_expected is not None:
+            as_expected.add_metric(which, float(machine.last_check.as_expected))
+        not_adopted.add_metric(
+            which, 0 if machine.not_adopted is None else len(machine.not_adopted.effects)
+        )
         if machine.analysis is not None:
-            waits.add_metric([machine.machine], machine.analysis.progress)
+            waits.add_metric(which, machine.analysis.progress)
     analyses = GaugeMetricFamily(
         "thermap_analyses", "Analyses in the database by status", labels=["status"]
     )
@@ -162,7 +177,7 @@ def _of_database(values: ShopValues) -> Iterator[Metric]:
         "Evidence above which a machine's watch is beyond: a ratio of likelihoods",
         value=LIMIT,
     )
-    yield from (beyond, waits, analyses, limit)
+    yield from (beyond, as_expected, not_adopted, waits, analyses, limit)
     yield from _of_watches(values)
 
 
@@ -194,9 +209,10 @@ def _of_watches(values: ShopValues) -> Iterator[Metric]:
         ),
     }
     for machine in values.machines:
-        which, figures = [machine.machine], values.watches.get(machine.machine)
-        if figures is None:
+        which, watched = [machine.machine], values.watches.get(machine.machine)
+        if watched is None or watched.figures is None:
             continue
+        figures = watched.figures
         evidence.add_metric(which, figures.evidence)
         times.add_metric(which, figures.latest.time_s)
         if figures.most_sigmas is not None:

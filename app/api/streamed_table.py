@@ -139,7 +139,7 @@ def judge_anew(context: Context, live: LiveMachine, feed: Feed, stored: Stored) 
     status = status_of(context, live, stored)
     key = (
         *(status.verdict, status.state, status.since, status.sentences, status.watch),
-        *(status.model_version, status.analysis),
+        *(status.last_check, status.not_adopted, status.model_version, status.analysis),
     )
     if key == feed.status_key:
         return False

@@ -76,11 +76,12 @@ def _facts(one: MachineStatus) -> Iterator[str]:
         yield f"largest compensation {_value(one.largest)}"
     if one.change_per_h is not None:
         yield f"at the present rates it changes by {_value(one.change_per_h)} in an hour"
-    yield f"watch: {one.watch}" + (
-        ""
-        if one.analysis is None
-        else f"; analysis {one.analysis.id} at {one.analysis.progress:.0%}"
-    )
+    check = one.last_check
+    yield f"last check: {'none of this version' if check is None else check.text}"
+    if one.watch == "beyond":
+        yield "verifications prove a lasting change"
+    if one.analysis is not None:
+        yield f"analysis {one.analysis.id} at {one.analysis.progress:.0%}"
 
 
 def _value(one: LargestValue) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from time import monotonic
@@ -68,7 +68,7 @@ class _Machine:
     objects: dict[str, ua.NodeId] = field(default_factory=dict)
     nodes: dict[str, ua.NodeId] = field(default_factory=dict)
     said: dict[str, Said] = field(default_factory=dict)
-    seen: Hashable = None
+    seen: tuple[Any, ...] | None = None
     judged_at_s: float = 0.0
 
     def nothing(self, path: str, code: int = NO_VALUE) -> Said:
@@ -266,6 +266,7 @@ def _nodes_of(layout: tuple[Any, ...]) -> Iterable[tuple[str, Said]]:
     yield "Verdict", Said(text, None, NO_VALUE)
     yield "State", Said(text, None, NO_VALUE)
     yield "Sentences", Said(text, None, NO_VALUE, is_array=True)
+    yield "LastCheck", Said(text, None, NO_VALUE)
     yield "Usable", Said(ua.VariantType.Boolean, None, NO_VALUE)
     yield "Complete", Said(ua.VariantType.Boolean, None, NO_VALUE)
     yield "ModelVersion", Said(ua.VariantType.UInt32, None, NO_VALUE)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Final, TypeAlias, cast
+from typing import Any, Final, TypeAlias, cast
 
 from asyncua import ua
 
@@ -66,13 +66,17 @@ def snapshot_of(context: Context, live: LiveMachine, stored: Stored) -> Snapshot
     return Snapshot(status_of(context, live, stored), table)
 
 
-def seen_of(context: Context, live: LiveMachine, stored: Stored) -> tuple[Hashable, float | None]:
+def seen_of(
+    context: Context, live: LiveMachine, stored: Stored
+) -> tuple[tuple[Any, ...], float | None]:
     """Say briefly what a verdict would rest on now, and how old the latest reading is [s].
 
     A verdict takes milliseconds; while this stays the same, only time can change it.
     """
     machine_id = live.current.model.machine.id
-    beside = (stored.watches.get(machine_id), stored.analyses.get(machine_id))
+    beside = tuple(
+        of.get(machine_id) for of in (stored.watches, stored.analyses, stored.not_adopted)
+    )
     try:
         state = current_state(context, machine_id, live)
     except NoReading as why:
@@ -138,6 +142,8 @@ def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
     yield "Verdict", Said(text, status.verdict.value)
     yield "State", Said(text, status.state.value)
     yield "Sentences", Said(text, list(status.sentences), is_array=True)
+    check = status.last_check
+    yield "LastCheck", _known(text, None if check is None else check.text)
     yield "Usable", Said(ua.VariantType.Boolean, code != NO_VALUE)
     complete = table is not None and table.complete and code != NO_VALUE
     yield "Complete", Said(ua.VariantType.Boolean, complete)

@@ -18,7 +18,7 @@ from app.events.event import Event, EventKind, Events
 from app.live.registry import LiveMachine
 from app.services.background import Background
 from app.services.context import Context
-from app.services.status import status_of, stored_of_machines
+from app.services.status import Stored, status_of, stored_of_machines
 from app.status.machine_status import MachineStatus, SensorNow, Verdict
 from app.storage.events import (
     begin_passing,
@@ -30,7 +30,6 @@ from app.storage.events import (
     write_event,
 )
 from app.storage.machines import find_machine, list_machines
-from app.storage.watches import Watched
 from app.thermal.sensor_health import Health
 
 log = logging.getLogger("thermap")
@@ -198,7 +197,7 @@ class AlarmLog(Background):
             live = context.live.get(machine_id)
             if live is None:
                 continue
-            mark = _mark(live, stored.watches.get(machine_id))
+            mark = _mark(live, stored)
             if self._is_due(machine_id, mark, began_s):
                 self._judged[machine_id] = (mark, began_s)
                 self._compare(machine_id, _lasting(status_of(context, live, stored)))
@@ -255,11 +254,12 @@ class AlarmLog(Background):
         self._tidied_s = now_s
 
 
-def _mark(live: LiveMachine, watched: Watched | None) -> object:
+def _mark(live: LiveMachine, stored: Stored) -> object:
     """Give what changes whenever something is new of a machine."""
-    latest = live.readings.latest
+    machine_id, latest = live.current.model.machine.id, live.readings.latest
     read_at = None if latest is None else latest.time
-    return (live.current.version, live.current.revision, read_at, watched)
+    beside = (stored.watches.get(machine_id), stored.not_adopted.get(machine_id))
+    return (live.current.version, live.current.revision, read_at, *beside)
 
 
 def _words(sensor: SensorNow) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
 from app.errors import InvalidContent, NoReading, StorageUnavailable, capitalised
+from app.identification.watch.figures import WatchFigures
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import (
@@ -20,8 +22,8 @@ from app.services.live_table import (
 )
 from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.status.judge import NOTHING_LOGGED, Logged, Situation, judge
-from app.status.machine_status import MachineStatus, RunningAnalysis
-from app.storage.analyses import unfinished_analyses
+from app.status.machine_status import LastCheck, MachineStatus, NotAdopted, RunningAnalysis
+from app.storage.analyses import analyses_not_adopted, unfinished_analyses
 from app.storage.events import lasting_since
 from app.storage.limits import QUESTION
 from app.storage.watches import NOT_WATCHED, Watched, watched_machines
@@ -34,6 +36,7 @@ class Stored:
 
     watches: Mapping[str, Watched] = field(default_factory=dict)
     analyses: Mapping[str, RunningAnalysis] = field(default_factory=dict)
+    not_adopted: Mapping[str, NotAdopted] = field(default_factory=dict)
     logged: Mapping[str, Logged] = field(default_factory=dict)
 
 
@@ -88,6 +91,8 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         notes=_notes(context, live),
         watch=watched.status,
         drifting_since=watched.beyond_since,
+        last_check=_last_check(watched.figures),
+        not_adopted=stored.not_adopted.get(machine.id),
         logged=stored.logged.get(machine.id, NOTHING_LOGGED),
         analysis=stored.analyses.get(machine.id),
     )
@@ -108,6 +113,17 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         return judge(replace(situation, table=why))
 
 
+def _last_check(figures: WatchFigures | None) -> LastCheck | None:
+    if figures is None:
+        return None
+    check = figures.check
+    if check is None:
+        return LastCheck.unjudged(datetime.fromtimestamp(figures.latest.time_s, UTC))
+    time = datetime.fromtimestamp(check.time_s, UTC)
+    sizes = (check.off, check.scatter, check.setup_scatter, check.at_most)
+    return LastCheck.of(time, check.component, check.count, sizes, check.unit)
+
+
 def _notes(context: Context, live: LiveMachine) -> list[str]:
     """What an operator should know of the database and of clocks, as sentences."""
     held = live.readings.held
@@ -120,7 +136,12 @@ def _notes(context: Context, live: LiveMachine) -> list[str]:
 
 def read_stored(session: Session) -> Stored:
     """Read what the database says of all machines."""
-    return Stored(watched_machines(session), unfinished_analyses(session), lasting_since(session))
+    return Stored(
+        watched_machines(session),
+        unfinished_analyses(session),
+        analyses_not_adopted(session),
+        lasting_since(session),
+    )
 
 
 def stored_of_machines(context: Context) -> Stored:

@@ -8,13 +8,12 @@ from time import sleep
 from typing import Final
 
 from app.errors import StorageUnavailable
-from app.identification.watch.figures import WatchFigures
 from app.services.context import Context
 from app.services.status import Stored, read_stored, status_of
 from app.status.machine_status import MachineStatus
 from app.storage.analyses import count_analyses
 from app.storage.limits import QUESTION
-from app.storage.watches import watch_figures
+from app.storage.watches import Watched
 
 MOST_MACHINES: Final = 1000
 """Machines whose values are given: each one is some twenty time series to whoever stores them."""
@@ -40,28 +39,28 @@ class ShopValues:
     machines: Sequence[MachineStatus]
     left_out: int
     analyses: Mapping[str, int] | None
-    watches: Mapping[str, WatchFigures]
+    watches: Mapping[str, Watched]
 
 
 def shop_values(context: Context, most: int = MOST_MACHINES) -> ShopValues:
     """Judge the machines in memory, for somebody who asks every some seconds."""
-    stored, analyses, watches = _stored(context)
+    stored, analyses = _stored(context)
     live = context.live.machines()
     found = []
     for machine in live[:most]:
         found.append(status_of(context, machine, stored))
         sleep(0)  # a live table, which others wait for, comes between any two machines
-    return ShopValues(found, max(len(live) - most, 0), analyses, watches)
+    return ShopValues(found, max(len(live) - most, 0), analyses, stored.watches)
 
 
 def _stored(
     context: Context,
-) -> tuple[Stored, Mapping[str, int] | None, Mapping[str, WatchFigures]]:
+) -> tuple[Stored, Mapping[str, int] | None]:
     """Ask the database, unless it is known to be away."""
     if context.live.database.trouble is not None:
-        return Stored(), None, {}
+        return Stored(), None
     try:
         with context.database.reading(QUESTION) as session:
-            return read_stored(session), count_analyses(session), watch_figures(session)
+            return read_stored(session), count_analyses(session)
     except StorageUnavailable:
-        return Stored(), None, {}
+        return Stored(), None

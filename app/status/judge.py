@@ -33,7 +33,9 @@ from app.status.figures import (
 )
 from app.status.machine_status import (
     BeyondMaps,
+    LastCheck,
     MachineStatus,
+    NotAdopted,
     RunningAnalysis,
     SensorNow,
     State,
@@ -54,6 +56,9 @@ reading tells nobody anything."""
 _OUTSIDE: Final = frozenset({State.CLAMPED, State.EXTRAPOLATED})
 """Each has a first sentence that says which components it touches; a second one may say by how
 much."""
+
+_LAST_UNPLACED: Final = State.EFFECT_NOT_ADOPTED.gravity
+"""Causes after it, as stand-ins, harm no component."""
 
 MOST_CODES: Final = 6
 """Components that a sentence names; of the others it says how many they are."""
@@ -93,6 +98,8 @@ class Situation:
         What else a user should know, without effect on the verdict.
     watch, drifting_since
         What the sequential test of verifications says, and since when it is beyond its limits.
+    last_check, not_adopted
+        By how much the latest verification was off, and what an analysis confirmed in vain.
     logged
         What the event log says; it knows more than the latest readings of what began long ago.
     analysis
@@ -110,6 +117,8 @@ class Situation:
     notes: Sequence[str] = ()
     watch: str = "not-judged"
     drifting_since: datetime | None = None
+    last_check: LastCheck | None = None
+    not_adopted: NotAdopted | None = None
     logged: Logged = NOTHING_LOGGED
     analysis: RunningAnalysis | None = None
 
@@ -165,6 +174,8 @@ def judge(situation: Situation) -> MachineStatus:
         change_per_h=None if stands_still else change_per_h(table, rates),
         beyond=tuple(beyond),
         watch=situation.watch,
+        last_check=situation.last_check,
+        not_adopted=situation.not_adopted,
         analysis=situation.analysis,
         sensors=tuple(_sensors_now(situation, rates)),
     )
@@ -223,12 +234,7 @@ def _causes(
             )
     yield from _incomplete(situation, table)
     yield from _late(situation, table)
-    if situation.watch == "beyond":
-        yield Cause(
-            State.DRIFTING,
-            "Verifications are beyond what the model allows: the machine has changed.",
-            situation.drifting_since,
-        )
+    yield from _checked(situation)
     yield from _standing_in(situation, table)
 
 
@@ -398,6 +404,27 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
             yield Cause(State.FRESH, f"{state.detail}{rest}.")
 
 
+def _checked(situation: Situation) -> Iterator[Cause]:
+    """Say what verifications and analyses say against the table."""
+    if situation.watch == "beyond":
+        yield Cause(
+            State.DRIFTING,
+            "Verifications are beyond what the model allows: the machine has changed.",
+            situation.drifting_since,
+        )
+    check = situation.last_check
+    if check is not None and check.as_expected is False:
+        yield Cause(State.CHECK_OFF, f"The last check was {check.text}.", check.time)
+    if situation.not_adopted is not None:
+        effects = situation.not_adopted.effects
+        more = f", and {len(effects) - 1} more" if len(effects) > 1 else ""
+        yield Cause(
+            State.EFFECT_NOT_ADOPTED,
+            f"Analysis {situation.not_adopted.analysis} confirmed what the table does not have: "
+            f"{effects[0].removesuffix('.')}{more}. Adopt it.",
+        )
+
+
 def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensation]) -> list[str]:
     """Write what is the matter, and what is good all the same."""
     state = causes[0].state if causes else State.FRESH
@@ -411,9 +438,10 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
         return [f"{all_of} {verb}, on fresh temperatures.", *said]
     touched = {code for cause in causes for code in cause.touches}
     others = sum(c.component.code not in touched for c in components)
-    # A drift, a wrong clock, positions that are missing: of these nobody knows whom they touch.
+    # A drift, a check that is off, a wrong clock, positions that are missing: nobody knows whom
+    # they touch.
     spares = all(
-        c.touches or c.state.gravity > State.DRIFTING.gravity or c.state in _OUTSIDE for c in causes
+        c.touches or c.state.gravity > _LAST_UNPLACED or c.state in _OUTSIDE for c in causes
     )
     if spares and touched and 0 < others < count:
         words = counted(others, "other component")

@@ -37,6 +37,8 @@ class State(StrEnum):
     INCOMPLETE = "incomplete"
     LATE = "late"
     DRIFTING = "drifting"
+    CHECK_OFF = "check-off"
+    EFFECT_NOT_ADOPTED = "effect-not-adopted"
     STAND_IN = "stand-in"
     FRESH = "fresh"
 
@@ -148,6 +150,88 @@ class SensorNow(Answer):
 
 
 @dataclass(frozen=True, slots=True)
+class LastCheck(Answer):
+    """By how much verifications of the active model were off, and what was expected.
+
+    Of each component its latest visit counts; this is the one that was furthest from what was
+    expected. What is null is not known: nothing tells the scatter of these measurements, or an
+    earlier version of the service judged them.
+    """
+
+    time: datetime
+    """When it was measured: its last observation"""
+    text: str
+    """The same in words"""
+    component: str | None = None
+    """Code of the component, or `points x`"""
+    count: int | None = None
+    """How many values of it"""
+    off: float | None = None
+    """Their root mean square, measured minus predicted; of one value its size, in `unit`"""
+    scatter: float | None = None
+    """Standard deviation of one observation, the maps' uncertainty included, in `unit`"""
+    setup_scatter: float | None = None
+    """Standard deviation that set-ups add, as earlier visits show it, in `unit`; 0 while there are
+    too few"""
+    at_most: float | None = None
+    """What `off` was expected not to exceed, in `unit`: twice the scatter of a value, and more
+    where few values of many components are looked at"""
+    unit: UnitSymbol | None = None
+    """Unit of these"""
+    as_expected: bool | None = None
+    """Whether it was off by no more than that"""
+
+    @classmethod
+    def unjudged(cls, time: datetime) -> LastCheck:
+        """Describe one of which nobody knows what was to be expected."""
+        return cls(time, "what was to be expected of it is not known")
+
+    @classmethod
+    def of(
+        cls,
+        time: datetime,
+        component: str,
+        count: int,
+        sizes: tuple[float, float, float, float],
+        unit: str,
+    ) -> LastCheck:
+        """Describe one that was judged.
+
+        Parameters
+        ----------
+        sizes
+            `off`, `scatter`, `setup_scatter` and `at_most` [`unit`].
+        """
+        off, scatter, setup_scatter, at_most = (round(size, 4) for size in sizes)
+        of_values = "" if count == 1 else f" (root mean square of {count} values)"
+        setups = f" and set-ups by ±{in_micro(setup_scatter)} {unit}" if setup_scatter else ""
+        scatters = f"one observation scatters by ±{in_micro(scatter)} {unit}{setups}"
+        text = (
+            f"{in_micro(off)} {unit} off in {component}{of_values}; {scatters}, so at most "
+            f"{in_micro(at_most)} {unit} is expected"
+        )
+        is_as_expected = off <= at_most
+        return cls(
+            time, text, component, count, off, scatter, setup_scatter, at_most, unit, is_as_expected
+        )
+
+
+def in_micro(size: float) -> str:
+    """Write a size in µm, µrad or µm/m as it is read: 11.3, 1.3, 0.67."""
+    return f"{size:.1f}" if size >= 1.0 else f"{size:.2f}"
+
+
+@dataclass(frozen=True, slots=True)
+class NotAdopted(Answer):
+    """Effects that the latest analysis of the active model confirmed, and that nobody adopted."""
+
+    analysis: int
+    """Number of the analysis"""
+    effects: tuple[str, ...]
+    """Each in one sentence"""
+
+
+@dataclass(frozen=True, slots=True)
 class RunningAnalysis(Answer):
     """An analysis that waits or runs."""
 
@@ -200,7 +284,13 @@ class MachineStatus(Answer):
     beyond: tuple[BeyondMaps, ...]
     """Components outside their maps, the furthest first"""
     watch: str
-    """`within` or `beyond` the limits by the sequential test of verifications; `not-judged`"""
+    """Whether verifications prove a lasting change: `within` the limits of the sequential test (no
+    change is proved, which says nothing of the last check), `beyond` them, or `not-judged`"""
+    last_check: LastCheck | None
+    """By how much the latest verification of the active model was off; null before the first"""
+    not_adopted: NotAdopted | None
+    """What the latest analysis of the active model confirmed and is not in the table; null where
+    there is none, or where effects of that analysis were adopted"""
     analysis: RunningAnalysis | None
     """The analysis that waits or runs"""
     sensors: tuple[SensorNow, ...]

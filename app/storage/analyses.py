@@ -15,9 +15,10 @@ from sqlalchemy import CursorResult, func, select, update
 from sqlalchemy.orm import Session, aliased, undefer
 
 from app.errors import UnknownThing, existing_names
-from app.status.machine_status import RunningAnalysis
+from app.status.machine_status import NotAdopted, RunningAnalysis
+from app.storage.analysis_results import confirmed_effects
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
-from app.storage.tables import AnalysisRow
+from app.storage.tables import AnalysisRow, MachineRow
 
 MOST_TRIES: Final = 3
 """How often an analysis is begun whose process, each time, is then gone without a word."""
@@ -159,6 +160,7 @@ def finish_analysis(
             "progress": 1.0,
             "message": "done",
             "result": result,
+            "confirmed": confirmed_effects(result),
             "finished_at": now,
         },
         *_runs_by(owner),
@@ -215,6 +217,27 @@ def unfinished_analyses(session: Session) -> dict[str, RunningAnalysis]:
     )
     # The oldest comes last, and stays.
     return {m: RunningAnalysis(number, share) for m, number, share in session.execute(query)}
+
+
+def analyses_not_adopted(session: Session) -> dict[str, NotAdopted]:
+    """Give what the latest analysis of each machine's active version confirmed in vain."""
+    query = (
+        select(AnalysisRow.machine_id, AnalysisRow.id, AnalysisRow.confirmed)
+        .join(
+            MachineRow,
+            (MachineRow.id == AnalysisRow.machine_id)
+            & (MachineRow.active_version == AnalysisRow.model_version),
+        )
+        .where(AnalysisRow.status == AnalysisStatus.DONE)
+        .where(AnalysisRow.adopted_version.is_(None))
+        .order_by(AnalysisRow.id)
+    )
+    latest = {machine: (number, effects) for machine, number, effects in session.execute(query)}
+    return {
+        machine: NotAdopted(number, tuple(effects))
+        for machine, (number, effects) in latest.items()
+        if effects
+    }
 
 
 def count_analyses(session: Session) -> dict[str, int]:

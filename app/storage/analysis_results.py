@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from math import sqrt
 from typing import Final
 
@@ -61,3 +62,12 @@ def _of_setups(component: Fields) -> float | None:
 
 
 RESULTS: Final = StoredShape(Analysis, "a result of an analysis", [_from_0, _from_1, _from_2])
+
+
+def confirmed_effects(result: str) -> list[str]:
+    """Give the sentences of the effects that a result confirms and that help."""
+    return [
+        effect["explanation"]
+        for effect in json.loads(result).get("effects", ())
+        if effect["status"] == "confirmed" and effect["helps"]
+    ]

@@ -282,7 +282,8 @@ class AnalysisRow(Base):
 
     While it runs, `owner` names the try and `beats` grows: where it no longer does, the process
     that ran it is gone. `tries` counts how often it was begun. Of a machine's analyses one runs
-    at a time.
+    at a time. `confirmed` are the sentences of the effects that the result confirms and that help:
+    what verdicts need of it.
     """
 
     __tablename__ = "analysis"
@@ -315,6 +316,7 @@ class AnalysisRow(Base):
     tries: Mapped[int] = mapped_column(default=0, server_default=text("0"))
     adopted_version: Mapped[int | None]
     result: Mapped[str | None] = mapped_column(Text, deferred=True)
+    confirmed: Mapped[list[Any] | None] = mapped_column(JSON(none_as_null=True))
 
 
 class WatchRow(Base):

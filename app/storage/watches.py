@@ -61,28 +61,15 @@ def watch_statuses(session: Session) -> dict[str, str]:
     return {row.machine_id: row.status for row in session.execute(query)}
 
 
-def watch_figures(session: Session) -> dict[str, WatchFigures]:
-    """Read what is told of each machine's watch of its active version, where there is any."""
-    query = select(WatchRow.machine_id, WatchRow.state["figures"]).join(
-        MachineRow,
-        (MachineRow.id == WatchRow.machine_id)
-        & (MachineRow.active_version == WatchRow.model_version),
-    )
-    found = {}
-    for machine_id, stored in session.execute(query):
-        with suppress(ValidationError):  # what a later version writes otherwise is not told
-            found[machine_id] = _FIGURES.validate_python(stored)
-    return found
-
-
 _FIGURES: Final = TypeAdapter(WatchFigures)
 
 
 class Watched(NamedTuple):
-    """What the watch of a machine's active version says, and since when it is beyond."""
+    """What the watch of a machine's active version says, since when it is beyond, its figures."""
 
     status: str
     beyond_since: datetime | None = None
+    figures: WatchFigures | None = None
 
 
 NOT_WATCHED = Watched(NOT_JUDGED)
@@ -97,15 +84,25 @@ def watched_machine(session: Session, machine: MachineRow) -> Watched:
 
 
 def watched_machines(session: Session) -> dict[str, Watched]:
-    """Say of every watched machine where its active version's watch stands."""
-    found = {name: Watched(status) for name, status in watch_statuses(session).items()}
-    for name, watched in found.items():
-        if watched.status == "beyond":
-            version = session.scalar(select(MachineRow.active_version).where(MachineRow.id == name))
-            if version is not None:
-                since = _beyond_since(session, name, version)
-                found[name] = watched._replace(beyond_since=since)
+    """Say of every machine with verifications where its active version's watch stands."""
+    query = select(
+        WatchRow.machine_id, WatchRow.model_version, WatchRow.status, WatchRow.state["figures"]
+    ).join(
+        MachineRow,
+        (MachineRow.id == WatchRow.machine_id)
+        & (MachineRow.active_version == WatchRow.model_version),
+    )
+    found = {}
+    for machine_id, version, status, figures in session.execute(query).all():
+        since = _beyond_since(session, machine_id, version) if status == "beyond" else None
+        found[machine_id] = Watched(status, since, _read_figures(figures))
     return found
+
+
+def _read_figures(stored: Any) -> WatchFigures | None:
+    with suppress(ValidationError):  # what a later version writes otherwise is not told
+        return None if stored is None else _FIGURES.validate_python(stored)
+    return None
 
 
 def _beyond_since(session: Session, machine_id: str, model_version: int) -> datetime | None:

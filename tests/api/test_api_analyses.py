@@ -21,7 +21,7 @@ from tests.effect_examples import OUTDATED
 from tests.pages.example_analyses import LAG as LAG_FOUND
 from tests.pages.example_analyses import NOTHING
 from tests.service_examples import ROOM as OTHER_ROOM
-from tests.service_examples import Clock, client_of, contents, problem, running
+from tests.service_examples import START, Clock, client_of, contents, problem, reading, running
 
 pytestmark = pytest.mark.anyio
 
@@ -368,3 +368,23 @@ async def test_more_than_may_wait_is_refused_until_there_is_room(databases):
             assert (await client.post(f"{PATH}/1/cancel")).status_code == 200
     await ask(202)
     databases.give_back(url)
+
+
+async def test_what_was_confirmed_and_not_adopted_is_in_the_verdict(app, client):
+    body = reading(START, 25.0)
+    assert (await client.post(f"{OTHER_ROOM}/readings", json=body)).status_code == 201
+    confirmed = found(OUTDATED, helps=True) | {"status": "confirmed"}
+    store_done(app, found(OUTDATED, helps=True) | {"status": "suspected"})
+    status = (await client.get(f"{OTHER_ROOM}/status")).json()
+    assert (status["verdict"], status["not_adopted"]) == ("trusted", None)
+    number = store_done(app, confirmed)
+    status = (await client.get(f"{OTHER_ROOM}/status")).json()
+    assert (status["verdict"], status["state"]) == ("limited", "effect-not-adopted")
+    assert status["not_adopted"] == {"analysis": number, "effects": [confirmed["explanation"]]}
+    assert status["sentences"][0] == (
+        f"Analysis {number} confirmed what the table does not have: "
+        f"{confirmed['explanation'].removesuffix('.')}. Adopt it."
+    )
+    assert (await client.post(f"{OTHER_ROOM}/analyses/{number}/adopt")).status_code == 200
+    status = (await client.get(f"{OTHER_ROOM}/status")).json()
+    assert (status["model_version"], status["not_adopted"]) == (4, None)

@@ -322,3 +322,82 @@ async def test_of_an_instrument_that_was_zeroed_no_constant_is_told(room):
     assert abs(float(line.rpartition(" ")[2])) == pytest.approx(
         np.abs(left_um - left_um.mean()).max() * 1e-6
     )
+
+
+async def last_check(client):
+    found = (await client.get(f"{ROOM}/status")).json()
+    return found["verdict"], found["state"], found["last_check"], found["sentences"]
+
+
+async def test_one_value_far_off_is_never_called_trusted(room):
+    assert await last_check(room) == ("trusted", "fresh", None, (await last_check(room))[3])
+    body = visit(1)
+    body["observations"] = body["observations"][:1]
+    body["observations"][0]["measured_um"] = 0.5 + 11.3
+    assert (await judged(room, body))["status"] == "within"
+    verdict, state, check, sentences = await last_check(room)
+    assert (verdict, state) == ("limited", "check-off")
+    assert (check["component"], check["count"], check["off"]) == ("EXX", 1, 11.3)
+    # 0.5 µm, and the maps' uncertainty.
+    assert check["scatter"] == pytest.approx(0.57, abs=0.01)
+    assert check["at_most"] == pytest.approx(2.0 * check["scatter"], abs=1e-3)
+    assert check["as_expected"] is False
+    words = (
+        "11.3 µm off in EXX; one observation scatters by ±0.57 µm, so at most 1.1 µm is expected"
+    )
+    assert check["text"] == words
+    assert sentences[0] == f"The last check was {words}."
+
+
+async def test_a_check_that_is_as_expected_says_so_and_takes_back_one_that_was_not(room):
+    await judged(room, visit(1, 8.0))
+    assert (await last_check(room))[:2] == ("limited", "check-off")
+    await judged(room, visit(2))
+    verdict, state, check, _ = await last_check(room)
+    assert (verdict, state, check["as_expected"]) == ("trusted", "fresh", True)
+    assert check["off"] < check["at_most"]
+    assert check["text"].startswith(f"{check['off']:.2f} µm off in EXX (root mean square of 9")
+
+
+async def test_a_check_of_another_component_takes_back_nothing(room):
+    await judged(room, visit(1, 8.0))
+    other = visit(2, scale=0.0)
+    for observation in other["observations"]:
+        place = observation["position_mm"]
+        observation |= {"component": "EZZ", "measured_um": place / 50.0}
+    await judged(room, other)
+    verdict, _, check, _ = await last_check(room)
+    assert (verdict, check["component"]) == ("limited", "EXX")
+
+
+async def test_a_reversal_is_off_although_neither_level_nor_slope_is(room):
+    """To and fro by 2.7 µm: the level is right, and so is every slope."""
+    for number in range(1, 6):
+        body = visit(number)
+        for i, observation in enumerate(body["observations"]):
+            observation["measured_um"] += 2.7 * (-1) ** i
+        assert (await judged(room, body))["status"] != "beyond"
+        assert (await last_check(room))[:2] == ("limited", "check-off")
+
+
+async def test_set_ups_that_are_seen_to_scatter_are_expected_to(room):
+    """By 4 µm, a repeatability is 0.5 µm: at first nobody knows, later it is expected."""
+    shifts_um = (3.9, -4.2, 2.5, -3.0, 4.4, -1.9, 3.5, -3.6)
+    states = []
+    for number, shift_um in enumerate(shifts_um, 1):
+        await judged(room, visit(number, shift_um))
+        states.append((await last_check(room))[1])
+    assert states[0] == "check-off"
+    assert states[-1] == "fresh"
+    check = (await last_check(room))[2]
+    assert check["setup_scatter"] > 1.0
+    assert " and set-ups by ±" in check["text"]
+
+
+async def test_nothing_is_said_of_what_was_expected_where_nothing_tells_the_scatter(room):
+    body = visit(1, repeatability_um=None)
+    body["observations"] = body["observations"][:1]
+    assert (await judged(room, body))["status"] == "not-judged"
+    verdict, _, check, _ = await last_check(room)
+    assert (verdict, check["off"], check["as_expected"]) == ("trusted", None, None)
+    assert check["text"] == "what was to be expected of it is not known"

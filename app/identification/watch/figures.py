@@ -32,6 +32,45 @@ class LatestResiduals:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckFigures:
+    """By how much the latest visit to a component was off, and what was to be expected of it.
+
+    Parameters
+    ----------
+    component, unit
+        Code, or `points x`, and the unit of what follows.
+    time_s
+        Of the visit's last observation [s].
+    count
+        How many values of it the visit has.
+    off
+        Root mean square of measured minus predicted; of one value its size. Where the instrument
+        was zeroed anywhere, about their mean.
+    scatter
+        Standard deviation of one observation, the maps' uncertainty included.
+    setup_scatter
+        Standard deviation that set-ups add, as earlier visits show it; 0 before there were enough.
+    at_most
+        What `off` was expected not to exceed: twice the scatter of a value, and more where few
+        values of many components are looked at.
+    """
+
+    component: str
+    unit: str
+    time_s: float
+    count: int
+    off: float
+    scatter: float
+    setup_scatter: float
+    at_most: float
+
+    @property
+    def is_as_expected(self) -> bool:
+        """Whether it is off by no more than was to be expected."""
+        return self.off <= self.at_most
+
+
+@dataclass(frozen=True, slots=True)
 class WatchFigures:
     """Where a watch stands.
 
@@ -44,11 +83,15 @@ class WatchFigures:
         expected of it; None before anything could be judged.
     latest
         Of the verification that came last.
+    check
+        Of the component that was furthest from what was to be expected when it was visited last;
+        None where nothing is known of the scatter, and in figures of earlier versions.
     """
 
     evidence: float
     most_sigmas: float | None
     latest: LatestResiduals
+    check: CheckFigures | None = None
 
 
 def latest_residuals(residuals: Residuals) -> LatestResiduals:

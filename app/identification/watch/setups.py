@@ -138,6 +138,11 @@ def believed(likelihoods: FloatArray) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
+def scatter_of_setups(likelihoods: FloatArray) -> float:
+    """Give the scatter of set-ups that is believed, as a root mean square [repeatabilities]."""
+    return float(np.sqrt(believed(likelihoods) @ _SCATTER**2))
+
+
 def learn(
     state: State, value: float, scatter: float, repeatability: float
 ) -> tuple[State, FloatArray]:

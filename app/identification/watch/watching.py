@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import hypot
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 from scipy import sparse
+from scipy.stats import chi2
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import FloatArray, IntArray, SparseArray
@@ -25,9 +27,9 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.map_uncertainty import ChannelEntries, channel_entries
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.identification.watch.e_process import EProcess, likelihood_ratio
-from app.identification.watch.figures import WatchFigures, latest_residuals
+from app.identification.watch.figures import CheckFigures, WatchFigures, latest_residuals
 from app.identification.watch.lone_values import LoneValue, lone_values, lone_words
-from app.identification.watch.setups import PAIRS, Track, believed, learn
+from app.identification.watch.setups import PAIRS, Track, believed, learn, scatter_of_setups
 from app.search.common_scatter import side_of
 from app.search.rows import Datum, Rows
 from app.units import Unit
@@ -38,6 +40,10 @@ PLAINLY: Final = 2.0
 FAR: Final = 5.0
 """Off by so many standard deviations of one observation and the maps, a visit is said to be so,
 although set-ups may scatter as much: nobody is told that it agrees with the model."""
+
+CHECK_ALARM: Final = 0.05
+"""Probability that scatter alone takes one check beyond what is expected of it, at most: of few
+values; of many it is far less."""
 
 FALSE_ALARM: Final = 0.01
 """Probability that a machine that has not changed is ever called changed."""
@@ -60,6 +66,12 @@ FEWEST_FREEDOM: Final = 8
 MOST_NAMED: Final = 6
 
 LEVEL: Final = "level"
+
+NUMBERS: Final = (LEVEL, *(f"slope along {axis.upper()}" for axis in LINEAR_LETTERS))
+"""What is followed of a component."""
+
+FEWEST_SETUPS: Final = 5
+"""Before so many numbers were seen again nothing is known of what set-ups scatter by."""
 
 KEY: Final = "|"
 """Between component and number in the key of a stream."""
@@ -214,6 +226,8 @@ class WatchState:
         Component to what its visits have left beside level and slopes.
     beyond_since_s
         When the limits were first exceeded [s]; None while they are not.
+    checks
+        Component to its latest visit; empty in states that an earlier version stored.
     figures
         What is told of all that; None before the first verification, and of states that an earlier
         version stored.
@@ -222,6 +236,7 @@ class WatchState:
     streams: Mapping[str, Stream] = field(default_factory=dict)
     noise: Mapping[str, Noise] = field(default_factory=dict)
     beyond_since_s: float | None = None
+    checks: Mapping[str, CheckFigures] = field(default_factory=dict)
     figures: WatchFigures | None = None
 
     def contradiction(self) -> str | None:
@@ -251,6 +266,17 @@ class WatchState:
             if one.value is not None and one.expected > 0.0
         ]
         return max(ratios, default=None)
+
+    def setup_scatter(self, what: str) -> float:
+        """Say by what set-ups scatter in a level or slope [repeatabilities].
+
+        All components together; 0 before enough of them were seen again.
+        """
+        name = f"{KEY}{what}"
+        seen = [one for key, one in self.streams.items() if key.endswith(name)]
+        if sum(one.process.steps - 1 for one in seen) < FEWEST_SETUPS:
+            return 0.0
+        return scatter_of_setups(np.sum([one.likelihoods for one in seen], axis=0))
 
     def evidence(self) -> float:
         """Average the evidence of all streams; 1 without any."""
@@ -359,18 +385,24 @@ def watch(
     sheet = _Sheet.of(campaign)
     rows, times_s = sheet.rows, sheet.residuals.rows.times_s
     judged, farthest, lone = False, None, list[LoneValue]()
-    visits = np.unique(rows.visit).tolist()
+    visits, checks = np.unique(rows.visit).tolist(), dict(state.checks)
     for visit in visits:
         here = rows.visit == visit
+        before = state
         for channel in np.unique(rows.channel[here]).tolist():
             state, taken, apart = _after_channel(state, sheet, visit, channel)
             lone += apart
             judged |= bool(taken)
             farthest = max([*taken, *([farthest] if farthest else [])], key=_farness, default=None)
+            check = _check_figures(before, state, sheet, visit, channel)
+            if check is not None:
+                checks[check.component] = check
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
     latest = latest_residuals(sheet.residuals)
-    state = replace(state, figures=WatchFigures(state.evidence(), state.most_sigmas(), latest))
+    worst = max(checks.values(), key=lambda one: one.off / one.at_most, default=None)
+    figures = WatchFigures(state.evidence(), state.most_sigmas(), latest, worst)
+    state = replace(state, figures=figures, checks=checks)
     judgement = _judgement(state, judged, farthest, len(visits), model_version)
     said = judgement.summary + lone_words(lone, sheet.residuals.rows)
     return replace(judgement, summary=said), state
@@ -461,6 +493,49 @@ def _after_channel(
     return replace(state, streams=streams), taken, lone
 
 
+def _check_figures(
+    before: WatchState, state: WatchState, sheet: _Sheet, visit: int, channel: int
+) -> CheckFigures | None:
+    """Hold one channel of a visit, value by value, against what its values scatter by.
+
+    By what set-ups scatter is what visits before it have shown: it does not excuse itself. Lone
+    values are counted, and so is what neither a level nor a slope describes, as a reversal.
+    """
+    rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
+    own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    values, freedom = rows.values[own], len(own)
+    if rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE:
+        values, freedom = values - values.mean(), freedom - 1
+    declared = rows.noise.get(channel)
+    stated = declared.repeatability if declared else None
+    variance = state.noise[name].variance(None) if stated is None else stated**2
+    if variance is None or not freedom:
+        return None
+    maps = sheet.maps(channel, own).power(2).sum() / len(own)
+    setups = variance * sum(
+        before.setup_scatter(what) ** 2 * float(np.mean(column**2))
+        for what, column in zip(NUMBERS, (np.ones(len(own)), *sheet.tilt[own].T), strict=True)
+    )
+    scatter, setup_scatter = float(np.sqrt(variance + maps)), float(np.sqrt(setups))
+    of_each = CHECK_ALARM / np.unique(rows.channel[rows.visit == visit]).size
+    return CheckFigures(
+        name,
+        channel_unit(name).symbol,
+        float(sheet.residuals.rows.times_s[own].max()),
+        len(own),
+        float(np.sqrt(np.sum(values**2) / freedom)),
+        scatter,
+        setup_scatter,
+        # A set-up shifts all of its values at once.
+        hypot(_most(freedom, of_each) * scatter, _most(1, of_each) * setup_scatter),
+    )
+
+
+def _most(freedom: int, probability: float) -> float:
+    """How many standard deviations a root mean square of so much freedom may be."""
+    return max(PLAINLY, float(np.sqrt(chi2.isf(probability, freedom) / freedom)))
+
+
 def _along_travels(residuals: Residuals) -> FloatArray:
     """Scale positions from −1 to 1 over the travels, or over what was observed: shape (n, 3).
 
@@ -505,7 +580,6 @@ class _Fit:
 
     @classmethod
     def of(cls, values: FloatArray, tilt: FloatArray) -> _Fit:
-        names = [LEVEL, *(f"slope along {axis.upper()}" for axis in LINEAR_LETTERS)]
         columns = np.column_stack([np.ones(len(values)), tilt])
         kept = [0, *(j for j in range(1, columns.shape[1]) if np.ptp(columns[:, j]) > 0)]
         if len(kept) >= len(values):
@@ -515,7 +589,7 @@ class _Fit:
         found = inverse @ values
         left = values - columns @ found
         return cls(
-            tuple(names[j] for j in kept),
+            tuple(NUMBERS[j] for j in kept),
             columns,
             inverse,
             found,

@@ -57,7 +57,11 @@ _STATUSES: Final = {
     "suspected": "Suspected",
     "not-confirmable": "Not confirmable",
 }
-_JUDGED: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
+_JUDGED: Final = {
+    "within": "no change proved",
+    "beyond": "change proved",
+    "not-judged": "not judged",
+}
 
 
 def loop_page(view: LoopView, now: datetime) -> str:

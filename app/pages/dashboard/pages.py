@@ -27,7 +27,14 @@ from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, short, signed
 from app.pages.environment import render_live
 from app.services.dashboard import Curve, MachineView
-from app.status.machine_status import MachineStatus, SensorNow, State, Verdict
+from app.status.machine_status import (
+    LastCheck,
+    MachineStatus,
+    SensorNow,
+    State,
+    Verdict,
+    in_micro,
+)
 from app.thermal.bracket import Status
 from app.thermal.sensor_health import Health
 from app.units import Unit
@@ -51,19 +58,19 @@ _STATES: Final[Mapping[State, str]] = {
     State.OUTSIDE_MAPS: "Outside the maps",
     State.STALE: "Stale",
     State.EXTRAPOLATED: "Extrapolated",
-    State.CLAMPED: "Clamped",
+    State.CLAMPED: "Outside calibrated range",
     State.HELD: "Held at edge",
     State.EFFECT_MISSING: "Effect missing",
     State.INCOMPLETE: "Incomplete",
     State.LATE: "Sensor late",
     State.DRIFTING: "Drifting",
+    State.CHECK_OFF: "Last check off",
+    State.EFFECT_NOT_ADOPTED: "Effect not adopted",
     State.STAND_IN: "Stand-in",
-    State.FRESH: "Fresh",
+    State.FRESH: "Up to date",
 }
 
 _HYPHEN: Final = "\N{NON-BREAKING HYPHEN}"
-
-_WATCH: Final = {"within": "within", "beyond": "beyond", "not-judged": "not judged"}
 
 
 def machines_page(
@@ -116,7 +123,7 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
         status=status,
         group=group_of(status),
         state=_state_words(status, now),
-        watch=_WATCH[status.watch],
+        check=check_words(status.last_check),
         events=[event_row(event) for event in view.events],
         **_sensors(view),
         axes=axes,
@@ -124,6 +131,16 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
         uncertainty=_uncertainty(view.curves),
         tables=list(_tables(view.curves)),
     )
+
+
+def check_words(check: LastCheck | None) -> str:
+    """Say briefly by how much the last check was off, and what was expected."""
+    if check is None:
+        return "none of this version"
+    if check.off is None or check.at_most is None:
+        return "not judged"
+    off, at_most = in_micro(check.off), in_micro(check.at_most)
+    return f"{off}{NO_BREAK}{check.unit} (at most {at_most})"
 
 
 def group_of(status: MachineStatus) -> str:
@@ -190,7 +207,7 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "length": round(100.0 * abs(status.largest.value) / largest, 1)
         if status.largest is not None and largest > 0.0
         else 0.0,
-        "watch": _WATCH[status.watch],
+        "check": check_words(status.last_check),
     }
 
 
