@@ -181,7 +181,7 @@ def test_news_come_typed_and_go_on_after_a_break(database_url, monkeypatch):
         client.change_machine("mcfv5050", {"name": "Mill"})
         first = of_kind(stream, "event")
         assert (first.machine, first.event.kind) == ("mcfv5050", "machine")
-        assert first.event.text == "settings changed: name"
+        assert first.event.text.startswith("settings changed: name from ")
     assert of_kind(stream, "lost").machine == ""
     with running(database_url) as url, ThermapClient(url) as other:
         other.change_machine("mcfv5050", {"name": "Lathe"})

@@ -3066,6 +3066,9 @@ class MachineStatus(Shape):
     ]
     """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
 
+    about: list[str]
+    """Sensors, components or effects that the state is about; empty where it is about all"""
+
     since: AwareDatetime | None
     """Since when it is in this state: by the readings in memory, and where those do not reach back
     so far, by the alarms of the event log, for which what it found before and after the service was

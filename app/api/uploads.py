@@ -11,17 +11,19 @@ from typing import Annotated, Any, Final
 from fastapi import Depends, Query, Request
 
 from app.api.bodies import body_of_at_most
-from app.api.media_types import CSV
+from app.api.media_types import CSV, XLSX
 
 _LARGEST_MB: Final = 32
-_KINDS: Final = (CSV, "application/octet-stream")
+_TEXTS: Final = (CSV, "text/plain", "text/tab-separated-values")
+_BINARY: Final = (XLSX, "application/vnd.ms-excel", "application/octet-stream")
+"""By which programs call such files; Windows calls CSV the second. Readers look at the content."""
 
 FILE_BODY: Final[dict[str, Any]] = body_of_at_most(_LARGEST_MB) | {
     "requestBody": {
         "required": True,
         "content": {
-            CSV: {"schema": {"type": "string"}},
-            _KINDS[1]: {"schema": {"type": "string", "format": "binary"}},
+            **{kind: {"schema": {"type": "string"}} for kind in _TEXTS},
+            **{kind: {"schema": {"type": "string", "format": "binary"}} for kind in _BINARY},
         },
     }
 }

@@ -276,11 +276,15 @@ def note_version(
 ) -> None:
     """Write into the log which version tables follow from now on, or which one waits."""
     what = "active" if is_active else "stored and waits"
+    if is_active and was_active is not None and was_active > version.version:
+        words = f"went back from v{was_active} to v{version.version}"
+    else:
+        words = f"v{version.version} {what}: {version.reason}"
     write_event(
         change.session,
         change.row.id,
         EventKind.MODEL,
-        f"v{version.version} {what}: {version.reason}",
+        words,
         context.now(),
         {"version": version.version, "from": was_active, "to": change.row.active_version},
     )

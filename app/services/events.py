@@ -275,7 +275,7 @@ def _lasting(status: MachineStatus) -> _Lasting:
     if status.verdict is not Verdict.TRUSTED and status.model_version is not None:
         state = str(status.state)
         words = status.sentences[0] if status.sentences else state
-        alarms[state] = _Matter(words, {"state": state})
+        alarms[state] = _Matter(words, {"state": state, "about": ", ".join(sorted(status.about))})
     sensors = {
         sensor.sensor: _Matter(
             _words(sensor), {"sensor": sensor.sensor, "health": str(sensor.health)}

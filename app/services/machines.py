@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy.exc import IntegrityError
 
@@ -202,10 +203,42 @@ def change_machine(
 
 
 def _note_change(context: Context, change: MachineChange, before: Machine, after: Machine) -> None:
-    names = [f.name for f in fields(after) if getattr(before, f.name) != getattr(after, f.name)]
-    if names:
-        words = f"settings changed: {', '.join(name.replace('_', ' ') for name in names)}"
+    changes = list(_changes(_settings(before), _settings(after)))
+    if changes:
+        words = f"settings changed: {'; '.join(changes)}"
         write_event(change.session, after.id, EventKind.MACHINE, words, context.now())
+
+
+def _settings(machine: Machine) -> dict[str, Any]:
+    """Give a machine's settings by name."""
+    plain = {f.name: getattr(machine, f.name) for f in fields(machine) if f.name != "chain"}
+    return {
+        **plain,
+        "configuration": machine.chain.text,
+        "axes": {name: asdict(travel) for name, travel in machine.axes.items()},
+        "sensors": {name: asdict(sensor) for name, sensor in machine.sensors.items()},
+    }
+
+
+def _changes(old: Any, new: Any, name: str = "") -> Iterator[str]:
+    """Say which settings differ, each with its old and its new value."""
+    if old == new:
+        return
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in {**old, **new}:
+            yield from _changes(old.get(key), new.get(key), f"{name} {key}".lstrip())
+    elif isinstance(new, dict):
+        yield f"{name} added"
+    elif isinstance(old, dict):
+        yield f"{name} removed"
+    else:
+        yield f"{name} from {_setting(old)} to {_setting(new)}"
+
+
+def _setting(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    return "none" if value is None else repr(str(value))
 
 
 def _check_sensors_stay(

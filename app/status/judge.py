@@ -124,12 +124,16 @@ class Situation:
 
 
 class Cause(NamedTuple):
-    """Something that is the matter, with the components that it touches."""
+    """Something that is the matter.
+
+    It touches components, and is about sensors or what else tells it from another of its state.
+    """
 
     state: State
     sentence: str
     since: datetime | None = None
     touches: tuple[str, ...] = ()
+    about: tuple[str, ...] = ()
 
 
 def judge(situation: Situation) -> MachineStatus:
@@ -159,6 +163,7 @@ def judge(situation: Situation) -> MachineStatus:
         configuration=chain.text,
         verdict=state.verdict,
         state=state,
+        about=tuple(dict.fromkeys(a for c in causes if c.state is state for a in c.about)),
         since=_since(situation, causes[0]) if causes else None,
         sentences=(*_sentences(causes, components), *situation.notes),
         computed_at=situation.judged_at,
@@ -201,6 +206,7 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
             f"There is no table: {details or why.detail}. Nothing stands in for it, and "
             f"{counted(len(codes), 'component')} cannot be computed.",
             min((time for time in since if time), default=None),
+            about=tuple(failed),
         )
     return Cause(State.SENSOR_FAULT, f"There is no table: {why.detail}.")
 
@@ -225,12 +231,13 @@ def _causes(
     for effect in table.effects:
         name = f"{effect.kind} of {list_names(effect.components)}"
         for words in effect.held:
-            yield Cause(State.HELD, _sentence(words), touches=effect.components)
+            yield Cause(State.HELD, _sentence(words), touches=effect.components, about=(name,))
         if effect.missing:
             yield Cause(
                 State.EFFECT_MISSING,
                 f"{name} is not in the table: {effect.missing}.",
                 touches=effect.components,
+                about=(name,),
             )
     yield from _incomplete(situation, table)
     yield from _late(situation, table)
@@ -261,6 +268,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
                 f"{_not_read(situation, sensor)}: {_rest_on(codes, 'it')}.",
                 _stale_since(situation, sensor),
                 tuple(codes),
+                (sensor.sensor,),
             )
 
 
@@ -282,6 +290,7 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
         f"{round(longest.interval_s or 0.0, 1):g} s: {rest}.",
         measured + timedelta(seconds=longest.late_after_s or 0.0),
         codes,
+        tuple(late),
     )
 
 
@@ -316,6 +325,7 @@ def _outside(
             f"{counted(len(one.components), 'component')} {verb} {done}.",
             _outside_since(situation, table, one),
             one.components,
+            (one.sensor,),
         )
         if one.lacks is not None and round(abs(one.lacks.value), 1) > 0.0:
             yield Cause(
@@ -331,6 +341,7 @@ def _outside(
                 State(str(basis.status)),
                 f"{code} is {basis.status}: {basis.sensor} is outside the maps.",
                 touches=(code,),
+                about=(code,),
             )
 
 
@@ -351,13 +362,14 @@ def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[
                 State.CLAMPED if is_clamped else State.EXTRAPOLATED,
                 f"{scale.sensor} was {_outside_words(float(excess[recent[-1]]))} "
                 f"until {until:%H:%M:%S} UTC.",
+                about=(scale.sensor,),
             )
 
 
 def _incomplete(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     """Say what the table lacks although maps have it, and which clocks are wrong."""
     for words, codes in omissions(situation.model.omitted, MOST_CODES).items():
-        yield Cause(State.INCOMPLETE, _sentence(words), touches=codes)
+        yield Cause(State.INCOMPLETE, _sentence(words), touches=codes, about=tuple(codes))
     corrected = {c.component.code for c in table.corrected}
     for group_state in table.states:
         for words in shortenings(group_state, corrected):
@@ -414,7 +426,8 @@ def _checked(situation: Situation) -> Iterator[Cause]:
         )
     check = situation.last_check
     if check is not None and check.as_expected is False:
-        yield Cause(State.CHECK_OFF, f"The last check was {check.text}.", check.time)
+        about = () if check.component is None else (check.component,)
+        yield Cause(State.CHECK_OFF, f"The last check was {check.text}.", check.time, about=about)
     if situation.not_adopted is not None:
         effects = situation.not_adopted.effects
         more = f", and {len(effects) - 1} more" if len(effects) > 1 else ""

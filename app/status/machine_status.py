@@ -257,6 +257,8 @@ class MachineStatus(Answer):
     stands still"""
     state: State
     """The worst of what is the matter, `fresh` where nothing is. It goes 30 s after its cause"""
+    about: tuple[str, ...]
+    """Sensors, components or effects that the state is about; empty where it is about all"""
     since: datetime | None
     """Since when it is in this state: by the readings in memory, and where those do not reach back
     so far, by the alarms of the event log, for which what it found before and after the service

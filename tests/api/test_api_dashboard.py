@@ -72,7 +72,7 @@ async def test_all_machines_and_the_sentence_that_comes_first(client):
     assert page.text.index("VMC-2 second") < page.text.index("MCFV5050LN mcfv5050")
     assert "x-middle is 1.40 K above the hottest map: 3 components are held at Run #6." in page.text
     assert "z-column" not in page.text.split("Compensation")[0]
-    assert "not judged" in page.text
+    assert "none of this version" in page.text
     limited = await shown(client, "/?only=limited")
     assert "VMC-2 second" not in limited.text
     assert "MCFV5050LN mcfv5050" in limited.text
@@ -154,7 +154,7 @@ async def test_the_log_of_a_machine_on_a_page(client):
     evil = await client.patch(ROOM, json={"name": EVIL})
     assert evil.status_code == 200
     page = await shown(client, f"{NOW}/events")
-    assert "No alarm lasts now." in page.text
+    assert "No active alarms." in page.text
     assert "v3 active: map 'Run #6' stored" in page.text
     assert "settings changed: name" in page.text
     assert "img" not in page.tags

@@ -41,8 +41,10 @@ async def test_changes_are_told_with_who_made_them_newest_first(client):
     found = (await events(client))["events"]
     texts = [event["text"] for event in found]
     assert texts[0] == "1 reading withdrawn"
-    assert texts[1] == "settings changed: name, extrapolation margin c"
-    assert texts[2].startswith("v2 active: ")
+    assert texts[1] == (
+        "settings changed: name from 'MCFV5050LN' to 'Mill'; extrapolation_margin_c from 5 to 4"
+    )
+    assert texts[2] == "went back from v4 to v2"
     assert found[2]["details"] == {"version": 2, "from": 4, "to": 2}
     assert texts[3].startswith("v4 active: ")
     assert "Run #9" in texts[3]
@@ -91,7 +93,7 @@ async def test_pages_filters_and_csv(client):
     answer = await client.get(f"{ROOM}/events?kind=machine", headers={"Accept": "text/csv"})
     rows = list(csv.DictReader(io.StringIO(answer.text)))
     assert len(rows) == 6
-    assert rows[0]["text"] == "settings changed: name"
+    assert rows[0]["text"].startswith("settings changed: name from ")
     same = await client.get(f"{ROOM}/events?kind=machine&format=csv")
     assert same.text == answer.text
     assert problem(await client.get(f"{ROOM}/events?kind=weather"), 422)
@@ -121,7 +123,7 @@ async def test_an_alarm_is_one_row_that_comes_goes_and_is_counted(app, client, c
     assert await alarms() == []
     await at(30.5, 60)
     (alarm,) = await alarms()
-    assert alarm["details"] == {"state": "clamped"}
+    assert alarm["details"] == {"state": "clamped", "about": "x-middle, z-column"}
     assert (alarm["who"], alarm["until"], alarm["count"]) == ("service", None, 1)
     assert "0.50 K above" in alarm["text"]
     await at(29.8, 60)
@@ -142,6 +144,32 @@ async def test_an_alarm_is_one_row_that_comes_goes_and_is_counted(app, client, c
     await at(29.8, 3600)
     await at(30.5, 60)
     assert len(await alarms()) == 2
+
+
+async def test_an_alarm_about_another_sensor_is_another_alarm(app, client, clock):
+    log = AlarmLog(app.state.context)
+    for t_c in ({"x-middle": 30.5}, {}, {"z-column": 32.6}):
+        clock.advance(60)
+        body = reading(clock(), 29.0)
+        body["temperatures_c"] |= t_c
+        assert (await client.post(f"{ROOM}/readings", json=body)).status_code == 201
+        log.look()
+        log.look()
+    found = (await events(client, "?kind=alarm"))["events"]
+    assert [one["details"]["about"] for one in found] == ["z-column", "x-middle"]
+    assert [one["text"].split(" is ")[0] for one in found] == ["z-column", "x-middle"]
+    assert [one["count"] for one in found] == [1, 1]
+    assert found[1]["until"] is not None
+
+
+async def test_a_sensor_s_settings_are_told_with_what_they_were(client):
+    sensors = (await client.get(ROOM)).json()["sensors"]
+    sensors[0] |= {"max_age_s": 300.0}
+    answer = await client.patch(ROOM, json={"sensors": sensors})
+    assert answer.status_code == 200, answer.text
+    (newest, *_) = (await events(client, "?kind=machine"))["events"]
+    words = "settings changed: sensors x-middle max_age_s from 120 to 300"
+    assert newest["text"] == words
 
 
 @pytest.fixture

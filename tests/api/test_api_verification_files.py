@@ -45,13 +45,17 @@ async def test_a_file_is_stored_as_the_same_in_json(client):
     assert again.json() == stored.json()
 
 
-async def test_a_workbook_is_read_as_csv_is(client):
+XLSX = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
+
+
+@pytest.mark.parametrize("kind", [XLSX, "application/vnd.ms-excel", "application/octet-stream"])
+async def test_a_workbook_is_read_as_csv_is(client, kind):
     book = Workbook()
     for row in ROWS:
         book.active.append(row)
     file = io.BytesIO()
     book.save(file)
-    binary = {"Content-Type": "application/octet-stream"}
+    binary = {"Content-Type": kind}
     assert (await store(client, file.getvalue(), "night shift.xlsx", binary)).status_code == 201
     assert (await store(client, NIGHT)).status_code == 200
 

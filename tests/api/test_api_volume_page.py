@@ -58,8 +58,8 @@ async def test_a_lathe_is_drawn_in_the_one_plane_that_it_has(client):
 
 async def test_a_machine_without_a_table_says_why_and_draws_nothing(client, empty):
     page = await shown(client, VOLUME)
-    assert "There is no error to show now. machine 'mcfv5050' has no reading yet" in page.text
+    assert "The error cannot be computed. machine 'mcfv5050' has no reading yet" in page.text
     assert "figure" not in page.tags
     await empty.post("/v1/machines", json=MACHINE)
-    assert "There is no error to show now." in (await shown(empty, VOLUME)).text
+    assert "The error cannot be computed." in (await shown(empty, VOLUME)).text
     problem(await empty.get("/machines/another/volume"), 404)

@@ -138,6 +138,40 @@ def test_a_table_changes_live_and_a_component_is_chosen(chromium, shop):
         assert wrong == []
 
 
+@pytest.mark.parametrize("page_name", ["", "/volume"])
+def test_a_table_that_is_gone_is_not_drawn_any_more(chromium, shop, page_name):
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        page.goto(f"{shop.url}/machines/mcfv5050{page_name}")
+        expect(page.locator("#connection")).to_have_text("Live")
+        assert page.locator("figure").count() > 0
+        shop.send("PATCH", ROOM, {"out_of_range": "reject"})
+        shop.feed(45.0)
+        expect(page.locator("#answer.not-trusted")).to_be_visible()
+        expect(page.locator("figure")).to_have_count(0)
+        expect(page.locator("#row-EXX, #tables, #corners, #slices")).to_have_count(0)
+        shop.feed(25.0)
+        expect(page.locator("figure").first).to_be_visible()
+        expect(page.locator("#row-EXX, #corners").first).to_be_visible()
+        assert wrong == []
+
+
+def test_choosing_a_component_keeps_the_page_its_place_and_the_focus(chromium, shop):
+    with shop.open(), opened(chromium, shop, "phone") as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050")
+        expect(page.locator("#connection")).to_have_text("Live")
+        page.evaluate("window.isThisPage = true")
+        page.locator("#row-EBX").focus()
+        before = page.evaluate("scrollY")
+        page.keyboard.press("Enter")
+        expect(page.locator("#axis-x h2")).to_contain_text("EBX in µrad")
+        assert page.evaluate("[window.isThisPage, document.activeElement.id]") == [True, "row-EBX"]
+        assert abs(page.evaluate("scrollY") - before) < 100
+        assert "EBX" in page.url
+        assert wrong == []
+
+
 def test_the_keyboard_alone_goes_to_a_machine_and_back(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, wrong):
         shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "VMC-2"})
@@ -164,8 +198,10 @@ def test_a_service_that_is_gone_is_said_and_its_return_too(chromium, shop):
             expect(page.locator("#connection")).to_have_text("Live")
         expect(page.locator("#connection")).to_have_text("No connection")
         expect(page.locator(".lost")).to_be_visible()
+        assert page.title().startswith("Unknown · ")
         with shop.open():
             expect(page.locator(".lost")).to_be_hidden()
+            assert page.title().startswith("Trusted: ")
             shop.feed(26.0)
             expect(page.locator("#row-EXX")).to_contain_text("−30.0")
 

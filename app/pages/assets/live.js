@@ -17,11 +17,15 @@ let asking = false;
 let isDue = false;
 let askedAt = 0;
 let refusal = "";
+let title = document.title;
 let said = null;
 let spokenAt = -SPOKEN_EVERY_MS;
 
 function takeOver(page) {
   const focused = document.activeElement?.id;
+  // What is not there any more is not drawn any more, and what is there now is drawn.
+  const places = (where) => [...where.querySelectorAll("main [data-live]")].map((one) => one.id).join();
+  if (places(document) !== places(page)) replaceMain(page);
   for (const old of document.querySelectorAll("[data-live]")) {
     const fresh = page.getElementById(old.id);
     if (fresh && fresh.outerHTML !== old.outerHTML) {
@@ -32,9 +36,20 @@ function takeOver(page) {
     }
   }
   speak();
-  const title = page.querySelector("title");
-  if (title) document.title = title.textContent;
+  title = page.querySelector("title")?.textContent ?? title;
+  mark();
   if (focused && document.activeElement?.id !== focused) document.getElementById(focused)?.focus();
+}
+
+function replaceMain(page) {
+  const main = document.querySelector("main");
+  const opened = [...main.querySelectorAll("details[id][open]")].map((one) => one.id);
+  const fresh = document.adoptNode(page.querySelector("main"));
+  fresh.querySelector("#spoken").replaceWith(document.getElementById("spoken"));
+  main.replaceWith(fresh);
+  for (const id of opened) document.getElementById(id)?.setAttribute("open", "");
+  mark();
+  dispatchEvent(new CustomEvent("thermap-replaced"));
 }
 
 // A change of the verdict is read out, and not with every reading.
@@ -53,8 +68,10 @@ function mark() {
   const why = document.getElementById("lost-why");
   if (lostSince !== null) why.textContent = "the service has not been heard for 15 s.";
   else if (refusal) why.textContent = refusal;
-  if (lostSince !== null || refusal) root.dataset.connection = "lost";
+  const isLost = lostSince !== null || refusal !== "";
+  if (isLost) root.dataset.connection = "lost";
   else delete root.dataset.connection;
+  document.title = isLost ? `Unknown · ${title}` : title;
 }
 
 async function refused(answer) {
@@ -198,6 +215,16 @@ document.addEventListener("keydown", (event) => {
     if (whole.open) whole.scrollIntoView();
   } else return;
   event.preventDefault();
+});
+
+// Another component is drawn without leaving the page, and its place in it.
+document.addEventListener("click", (event) => {
+  const link = event.target.closest("[data-live] a.component");
+  if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+  event.preventDefault();
+  history.replaceState(null, "", link.href);
+  link.focus();
+  ask();
 });
 
 // What a page changed itself is shown at once.

@@ -337,3 +337,7 @@ on("plan", "click", async () => {
   }
   by("plan").disabled = false;
 });
+
+// Who came for it from another page has it at once.
+if (location.hash === "#plan" && by("plan") && !by("plan").disabled) by("plan").click();
+if (location.hash === "#file") by("file")?.focus();

@@ -2,11 +2,11 @@
 // somebody wants it, and only where WebGL works.
 
 const PLOTLY = "/docs-assets/plotly.min.js";
-const three = document.getElementById("three");
-const flat = document.getElementById("flat");
-const space = document.getElementById("space");
-const slices = document.getElementById("slices");
-const why = document.getElementById("why");
+let three;
+let flat;
+let space;
+let slices;
+let why;
 
 function hasWebGl() {
   try {
@@ -72,7 +72,9 @@ async function draw() {
   three.disabled = false;
 }
 
-if (three) {
+function prepare() {
+  [three, flat, space, slices, why] = ["three", "flat", "space", "slices", "why"].map((id) => document.getElementById(id));
+  if (!three) return;
   // While values are live the factor stays what it was when the page came.
   const address = new URL(location.href);
   if (!address.searchParams.has("times")) {
@@ -86,3 +88,7 @@ if (three) {
   three.addEventListener("click", draw);
   flat.addEventListener("click", () => show(false));
 }
+
+prepare();
+// The table went, and came again: what was drawn of it went, too.
+addEventListener("thermap-replaced", prepare);

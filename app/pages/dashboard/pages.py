@@ -12,7 +12,6 @@ from urllib.parse import urlencode
 import numpy as np
 from markupsafe import Markup
 
-from app.errors import counted
 from app.live.database_watch import Trouble
 from app.pages.dashboard.charts import (
     Scale,
@@ -189,6 +188,7 @@ def _trouble_words(trouble: Trouble, now: datetime) -> str:
 
 def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[str, Any]:
     status = view.status
+    why = status.sentences[0] if status.sentences else ""
     leading = _leading(status)
     course = Markup("")
     if leading is not None:
@@ -199,7 +199,8 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "status": status,
         "group": group,
         "state": _state_words(status, now),
-        "why": status.sentences[0] if status.sentences else "",
+        "why": why,
+        "more": " ".join(status.sentences) if status.verdict is not Verdict.TRUSTED else "",
         "leading": leading,
         "course": course,
         "is_old": leading is None or leading.health is not Health.OK or _is_old(status),
@@ -368,7 +369,7 @@ def _chart(
         nearest = basis.upper_map if (basis.weight or 0.0) > 0.5 else basis.lower_map
         label = Markup("<b>now = {} (held)</b>; amber: the trend").format(nearest)
     elif basis.weight is not None:
-        label = Markup("<b>now, {:.0f} % of the way</b>; dots {}, dashes {}").format(
+        label = Markup("<b>now, {:.0f} % between</b> {} (dots) and {} (dashes)").format(
             100.0 * basis.weight, curve.maps[0].label, curve.maps[1].label
         )
     if curve.entry.effects:
@@ -475,11 +476,18 @@ def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
         return curve.component.axis or "", tuple(curve.entry.positions_mm.tolist())
 
     for (axis, at), own in groupby(sorted(tables, key=positions), key=positions):
-        yield {"axis": axis, "positions": [short(x) for x in at], "rows": list(_rows(own))}
+        letter = axis.upper()
+        yield {
+            "head": f"{letter}, mm",
+            "caption": f"Compensation along {letter}",
+            "positions": [short(x) for x in at],
+            "rows": list(_rows(own)),
+        }
     if single:
         yield {
-            "axis": counted(len(single), "value"),
-            "positions": [""],
+            "head": "Without a position",
+            "caption": "Compensation that has no position",
+            "positions": ["value"],
             "rows": list(_rows(single)),
         }
 
