@@ -15,7 +15,7 @@ from app.storage.tables import MachineRow
 from app.storage.watches import watched_machine
 
 _SAYS: Final = {
-    "within": "the machine is within its model's uncertainty",
+    "within": "no lasting change is proved",
     "beyond": "the machine drifts from its model",
     "not-judged": "nothing that was measured can be judged by it yet",
 }
