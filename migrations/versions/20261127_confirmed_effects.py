@@ -1,7 +1,7 @@
 """what analyses confirmed, beside their results
 
 Revision ID: 5e1d7b30f9a4
-Revises: c83f5e0a7d19
+Revises: 1e94b7c05ad8
 Create Date: 2026-11-27 22:40:17.204611
 """
 
@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "5e1d7b30f9a4"
-down_revision = "c83f5e0a7d19"
+down_revision = "1e94b7c05ad8"
 branch_labels = None
 depends_on = None
 
