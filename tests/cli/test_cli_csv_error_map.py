@@ -255,7 +255,8 @@ def test_what_is_not_read_is_said(read):
         + ROWS.replace("error_um", "error_um,by").replace("0.0", "0.0,me")
     )
     assert found.remarks[0].startswith("line 4: 'temprature spindle' is not read; what is: label")
-    assert found.remarks[1] == "columns that are not read: by"
+    assert found.remarks[1] == "comment lines that are not read: 'just words'"
+    assert found.remarks[2] == "columns that are not read: by"
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,89 @@ def test_rows_of_a_workbook_keep_their_numbers_and_comments_their_cells(tmp_path
     assert (found.label, found.temperatures_c) == ("Run #1", {"x-middle": 20.1})
 
 
+HEADERS = {
+    "map": (
+        [
+            ["# label", "Run: 1"],
+            ["# measured at", "2026-03-01T06:00:00Z"],
+            ["# temperature x-middle", 20.5, "°C"],
+            ["#", "temperature", "Bed front", 18.5],
+            ["# Repeatability", 0.5, "µm"],
+        ],
+        lambda file: read_csv_error_map(file, Stated()).error_map.model_dump(
+            include={"label", "temperatures_c", "repeatability_um"}
+        ),
+        {
+            "label": "Run: 1",
+            "temperatures_c": {"x-middle": 20.5, "Bed front": 18.5},
+            "repeatability_um": 0.5,
+        },
+    ),
+    "verification": (
+        [["# label", "two cells"], ["# datum", "first"], ["# repeatability [mm]", 0.0005]],
+        lambda file: {
+            k: v for k, v in read_csv_verification(file).body.items() if k != "observations"
+        },
+        {"label": "two cells", "datum": "first", "repeatability_um": 0.5},
+    ),
+    "method": (
+        [["# axis", "x"], ["# repeatability", 0.5, "µm"]],
+        lambda file: {
+            k: v
+            for k, v in read_csv_measurement("positioning", read_text(file)).body.items()
+            if k in ("axis", "repeatability_um")
+        },
+        {"axis": "x", "repeatability_um": 0.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+@pytest.mark.parametrize("way", ["workbook", "semicolons", "tabs", "quoted", "equals"])
+def test_a_header_in_cells_of_its_own_is_read(tmp_path, kind, way):
+    header, read, expected = HEADERS[kind]
+    table = [row for row in READERS[kind][0] if not str(row[0]).startswith("#")]
+    file = tmp_path / ("run.xlsx" if way == "workbook" else "run.csv")
+    if way == "workbook":
+        workbook(file, [*header, *table])
+    elif way == "equals":
+        written = [[f"{row[0]} = {' '.join(map(str, row[1:]))}"] for row in header if row[0] != "#"]
+        file.write_text(as_text([*written, *header[3:4], *table], ";", ","), encoding="utf-8")
+    else:
+        rows = [*header, *table]
+        if way == "quoted":
+            rows = [[f'"{cell}"' if isinstance(cell, str) else cell for cell in r] for r in rows]
+        file.write_text(as_text(rows, "\t" if way == "tabs" else ";", ","), encoding="utf-8")
+    assert read(file) == expected
+
+
+@pytest.mark.parametrize("line", ["# zero;first", "# datum first", "# zero: first", "# my notes"])
+def test_no_header_line_is_passed_over_without_a_word(tmp_path, line):
+    rows = READERS["verification"][0][1:]
+    file = tmp_path / "run.csv"
+    file.write_text(f"{line}\n{as_text(rows, ';', ',')}", encoding="utf-8")
+    (remark,) = read_csv_verification(file).remarks
+    assert "not read" in remark
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("# datum;sometimes", "expected datum among absolute, first, free, got 'sometimes'"),
+        ("# repeatability;0,5", "expected the unit of repeatability in the name"),
+        ("# repeatability_um;0,5;mm", "expected a number in µm"),
+        ("# repeatability;0,5;furlong", "got the unit 'furlong'"),
+    ],
+)
+def test_a_header_that_cannot_be_read_as_it_is_meant_is_refused(tmp_path, line, said):
+    file = tmp_path / "run.csv"
+    rows = READERS["verification"][0][1:]
+    file.write_text(f"{line}\n{as_text(rows, ';', ',')}", encoding="utf-8")
+    with pytest.raises(UnreadableFile) as refusal:
+        read_csv_verification(file)
+    assert said in str(refusal.value)
+
+
 def test_what_stands_above_the_columns_without_a_hash_is_told_how_to_be_written(tmp_path):
     rows = [["label", "Warm"], ["temperature bed", 31.2], [], *READERS["map"][0]]
     file = workbook(tmp_path / "warm.xlsx", rows)

@@ -7,13 +7,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from app.api.files.csv_columns import Named, named, symbol_of
+from app.api.files.csv_columns import LENGTH, Named, named, normal_heading, symbol_of
 from app.api.files.decimal_text import read_number
-from app.api.files.delimited_text import DelimitedText, Problems
+from app.api.files.delimited_text import Comment, DelimitedText, Problems
 from app.errors import ThermapError, list_names
 from app.units import read_time
 
 _KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, repeatability_um"
+
+_WORDS: Final = ("label", "machine", "instrument", "measured_at")
+"""What every table may state in words."""
+
+_TEMPERATURE: Final = re.compile(r"(?:temperature|temperature_c)\s+(?P<sensor>\S.*)", re.I)
+_REPEATABILITY: Final = Named("repeatability", LENGTH)
+_CELSIUS: Final = re.compile(r"\s*(°\s?c|deg\s?c|celsius|c)", re.I)
 
 _OF_A_MAP: Final = {
     "label": ("a label", "# label: Run #1", "--label"),
@@ -25,6 +32,12 @@ _OF_A_MAP: Final = {
     ),
 }
 """What a map needs: in words, as a comment line, and as an option."""
+
+MOST_FREE: Final = 5
+"""Comment lines of free text that are named as not read."""
+
+_UNIT: Final = re.compile(r"(?<=[\d.,\s])[a-zA-Zµμ°″%][^\d]*$")
+"""A unit behind a number."""
 
 _SEPARATOR: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 
@@ -109,10 +122,14 @@ def read_comments(
     empty: dict[str, int] = {}
     own = [one.thing.full for one in known if one.thing.full not in _KEYS.split(", ")]
     also = f"; of this method: {list_names(own)}" if own else ""
-    for line, comment in text.comments:
-        name, colon, value = (part.strip() for part in comment.partition(":"))
-        if not colon:
+    free: list[str] = []
+    for comment in text.comments:
+        line = comment.line
+        found = _name_and_value(comment, known)
+        if found is None:
+            free += [comment.text] if comment.text else []
             continue
+        name, value = found
         one = _statement_of(known, name)
         if one is None:
             if not _read_fact(text.problems, line, name, value, facts, temperatures_c, empty):
@@ -121,6 +138,8 @@ def read_comments(
             text.problems.add(f"expected {one.thing.full} once, came again", line)
         else:
             statements[one.thing.full] = _value(text.problems, one, line, name, value)
+    if free:
+        remarks.append(f"comment lines that are not read: {list_names(map(repr, free), MOST_FREE)}")
     if stated.axis is not None and any(one.thing.full == "axis" for one in known):
         statements["axis"] = stated.axis
     for one in known:
@@ -148,6 +167,41 @@ def read_comments(
     return Comments(facts, statements, machine)
 
 
+def _name_and_value(comment: Comment, known: Sequence[Statement]) -> tuple[str, str] | None:
+    """Part what a line states from its value: where the next cell begins, at a colon, or at =.
+
+    Of these the first whose name is known; None where a line states nothing, as free text does.
+    """
+    first, *others = comment.cells or [""]
+    ways = [_parted(comment.text, mark) for mark in ":=" if mark in comment.text]
+    if others:
+        cells = (first, " ".join(others))
+        if first.lower() in ("temperature", "temperature_c"):
+            cells = (f"{first} {others[0]}", " ".join(others[1:]))
+        ways.insert(":" in first, cells)
+    if not any(_is_known(name, known) for name, _ in ways):
+        return ways[0] if ways and ":" in comment.text else None
+    return next(way for way in ways if _is_known(way[0], known))
+
+
+def _parted(text: str, mark: str) -> tuple[str, str]:
+    name, _, value = text.partition(mark)
+    return " ".join(name.split()), " ".join(value.split())
+
+
+def _is_known(name: str, known: Sequence[Statement]) -> bool:
+    return _statement_of(known, name) is not None or _is_fact(name)
+
+
+def _is_fact(name: str) -> bool:
+    """Say whether a name is one of what every table may state."""
+    return (
+        normal_heading(name) in _WORDS
+        or _TEMPERATURE.fullmatch(name) is not None
+        or _REPEATABILITY.unit_in(name) is not None
+    )
+
+
 def _read_fact(
     problems: Problems,
     line: int,
@@ -161,28 +215,27 @@ def _read_fact(
 
     One that was not filled in states nothing; sensors' are put into `empty` with their line.
     """
-    key, _, subject = name.partition(" ")
-    key, subject = key.lower(), subject.strip()
-    if key in ("label", "machine", "instrument", "measured_at") and not subject:
-        if value:
-            _note_once(problems, line, facts, key, value)
-    elif key in ("temperature", "temperature_c") and subject and not value:
-        empty[subject] = line
-    elif key in ("temperature", "temperature_c") and subject:
-        number = read_number(value.removesuffix("C").removesuffix("°"))
-        if number is None:
-            problems.add(f"expected the temperature of {subject} in °C, got {value!r}", line)
-        else:
-            what = f"the temperature of {subject}"
-            _note_once(problems, line, temperatures_c, subject, number, what)
-    elif key == "repeatability_um" and not subject:
-        number = read_number(value)
-        if number is None:
-            problems.add(f"expected a repeatability in µm, got {value!r}", line)
-        else:
-            _note_once(problems, line, facts, key, number)
-    else:
+    if not _is_fact(name):
         return False
+    of_sensor = _TEMPERATURE.fullmatch(name)
+    if of_sensor and not value:
+        empty[of_sensor["sensor"]] = line
+    elif of_sensor:
+        sensor = of_sensor["sensor"]
+        number = read_number(_CELSIUS.sub("", value))
+        if number is None:
+            problems.add(f"expected the temperature of {sensor} in °C, got {value!r}", line)
+        else:
+            what = f"the temperature of {sensor}"
+            _note_once(problems, line, temperatures_c, sensor, number, what)
+    elif normal_heading(name) in _WORDS:
+        if value:
+            _note_once(problems, line, facts, normal_heading(name), value)
+    else:
+        statement = Statement(_REPEATABILITY, 1, "repeatability_um: 0.5")
+        number = _value(problems, statement, line, name, value)
+        if number is not None:
+            _note_once(problems, line, facts, _REPEATABILITY.full, number)
     return True
 
 
@@ -230,7 +283,7 @@ def _value(problems: Problems, one: Statement, line: int, key: str, value: str) 
         except ThermapError as error:
             problems.add(error.detail, line)
             return None
-    unit = one.thing.unit_in(key) or ""
+    value, unit = _without_unit(one.thing, key, value)
     if one.thing.known(unit) is None:
         problems.add(one.thing.complaint(unit), line)
         return None
@@ -243,6 +296,22 @@ def _value(problems: Problems, one: Statement, line: int, key: str, value: str) 
     convert = one.thing.quantity.convert if one.thing.quantity else lambda number, _: number
     ours = [convert(number, unit) for number in numbers if number is not None]
     return ours[0] if one.shape == 1 else ours
+
+
+def _without_unit(thing: Named, key: str, value: str) -> tuple[str, str]:
+    """Take the unit off a value where its name states none, or the same one.
+
+    >>> _without_unit(_REPEATABILITY, "repeatability", "0.5 µm")
+    ('0.5', 'um')
+    """
+    unit = thing.unit_in(key) or ""
+    stated = _UNIT.search(value)
+    if stated is None:
+        return value, unit
+    behind = normal_heading(stated[0])
+    if unit in ("", behind):
+        return value[: stated.start()].rstrip(), behind
+    return value, unit
 
 
 def _parts(value: str, count: int) -> list[str]:

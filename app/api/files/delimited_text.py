@@ -173,11 +173,20 @@ class _Marks:
 
 
 @dataclass(frozen=True, slots=True)
+class Comment:
+    """One comment line: its text without the sign, and the cells that it goes over."""
+
+    line: int
+    text: str
+    cells: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
 class DelimitedText:
     """A file's comment lines, column names, and rows of the same length."""
 
     problems: Problems
-    comments: Sequence[tuple[int, str]]
+    comments: Sequence[Comment]
     headings: Sequence[str]
     heading_line: int
     rows: Sequence[Row]
@@ -255,7 +264,7 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
             continue
         bare = written.strip().strip('"').lstrip()
         if bare.startswith("#"):
-            comments.append((line, without_marks(bare.lstrip("#").strip(' \t;,"'))))
+            comments.append((line, written))
         elif written.strip(" \t;,"):
             contents.append((line, written))
     if not contents:
@@ -289,7 +298,8 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
-    return DelimitedText(problems, comments, headings, heading_line, evened, decimal_comma)
+    said = [_comment(line, written, delimiter) for line, written in comments]
+    return DelimitedText(problems, said, headings, heading_line, evened, decimal_comma)
 
 
 def read_text(file: Path) -> str:
@@ -344,6 +354,19 @@ def left_out(headings: Iterable[str]) -> str:
 
 def _split(text: str, delimiter: str) -> list[str]:
     return [without_marks(cell.strip()) for cell in next(csv.reader([text], delimiter=delimiter))]
+
+
+def _comment(line: int, written: str, delimiter: str) -> Comment:
+    """Read a comment line, whose value may stand in a cell of its own as spreadsheets have it.
+
+    >>> _comment(1, '"# label";"Run 1"', ";").cells
+    ['label', 'Run 1']
+    """
+    first, *others = _split(written, delimiter)
+    cells = [cell for cell in (first.lstrip("# \t"), *others) if cell]
+    bare = without_marks(written.strip().lstrip("#").strip(" \t;,"))
+    text = " ".join(cells) if '"' in written else bare
+    return Comment(line, text, cells)
 
 
 def _expect_comments(
@@ -413,9 +436,7 @@ def workbook_text(content: bytes) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    """Write one line; a comment may go over several cells."""
-    if cells and cells[0].startswith("#"):
-        return " ".join(cells) + "\n"
+    """Write one line."""
     if not cells:
         return "\n"
     text = io.StringIO()
