@@ -32,7 +32,7 @@ from app.measurement.stated_numbers import (
     suspiciously_small,
 )
 from app.measurement.stated_runs import over_positions
-from app.thermal.error_map import ComponentTable
+from app.thermal.error_map import ComponentTable, positions_for_errors
 from app.units import MM_PER_M
 
 PLANES: Final = ((0, 1), (1, 2), (2, 0))
@@ -374,6 +374,9 @@ def _runs_of(name: str, stated: Mapping[str, ArrayLike]) -> DiagonalRuns:
         got = _readings(f"{field}.backward_um", stated["backward_um"])
         if got.size:
             backward = over_positions(f"{field}.backward_um", got, positions.size, "µm")
+    for run in (*forward, *backward):
+        if said := positions_for_errors(positions, run):
+            raise InvalidContent.of_field(field, said)
     return DiagonalRuns(name, positions, forward, backward)
 
 

@@ -159,11 +159,11 @@ def evaluate_machined_part(
             "positions_mm",
             f"expected at least 3 positions in mm along the edge, got {positions.size}",
         )
-    passes = as_runs("measured_um", measured_um, positions.size, "µm")
+    passes = as_runs("measured_um", measured_um, positions, "µm")
     spread = as_standard_deviation("repeatability_um", repeatability_um, "µm")
     predicted = None
     if predicted_um is not None:
-        predicted = as_runs("predicted_um", predicted_um, positions.size, "µm").mean(axis=0)
+        predicted = as_runs("predicted_um", predicted_um, positions, "µm").mean(axis=0)
     lines: MeasuringLines = {}
     if measuring_line_mm is not None and straightness.axis:
         axis = straightness.axis

@@ -175,7 +175,7 @@ def _readings(
                 )
             got[f"E{letter}{axis}".upper()] = (f"{field}.{letter}", readings)
     return {
-        code: as_runs(field, readings, positions_mm.size, COMPONENTS[code].unit.symbol)
+        code: as_runs(field, readings, positions_mm, COMPONENTS[code].unit.symbol)
         for code, (field, readings) in got.items()
     }
 

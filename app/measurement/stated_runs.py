@@ -10,7 +10,7 @@ from app.errors import InvalidContent, counted
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind, parse_component
 from app.geometry.measuring_line import MeasuringLine
 from app.measurement.stated_numbers import FARTHEST_MM, as_numbers
-from app.thermal.error_map import LARGEST_ERROR_UM
+from app.thermal.error_map import LARGEST_ERROR_UM, positions_for_errors
 
 
 def expect_linear_axis(axis: str) -> None:
@@ -126,15 +126,14 @@ def as_positions(field: str, stated_mm: ArrayLike) -> FloatArray:
     return frozen(positions)
 
 
-def as_runs(field: str, stated: ArrayLike, positions: int, unit: str) -> FloatArray:
+def as_runs(field: str, stated: ArrayLike, positions_mm: FloatArray, unit: str) -> FloatArray:
     """Take the readings of one run, or of several.
 
     Parameters
     ----------
     stated : array-like, shape (m,) or (n, m) [unit]
         One reading for each position in each run.
-    positions
-        Number m of positions.
+    positions_mm : ndarray, shape (m,) [mm]
     unit
         `µm` or `µrad`.
 
@@ -145,12 +144,17 @@ def as_runs(field: str, stated: ArrayLike, positions: int, unit: str) -> FloatAr
     Raises
     ------
     InvalidContent
-        If their number is another, or they are not finite or above 10 mm or 10 mrad.
+        If their number is another, they are not finite or above 10 mm or 10 mrad, or they are
+        measured positions.
     """
     of_length = "perhaps in nm, or positions instead of deviations"
     hint = of_length if unit == "µm" else "perhaps in another unit"
     numbers = as_numbers(field, stated, unit, LARGEST_ERROR_UM, hint)
-    return over_positions(field, numbers, positions, unit)
+    runs = over_positions(field, numbers, positions_mm.size, unit)
+    for run in runs if unit == "µm" else ():
+        if said := positions_for_errors(positions_mm, run):
+            raise InvalidContent.of_field(field, said)
+    return runs
 
 
 def over_positions(field: str, readings: FloatArray, positions: int, unit: str) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.errors import Conflict, FieldError, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
 from app.measurement.stated_numbers import suspiciously_small
@@ -33,7 +34,7 @@ from app.storage.error_maps import (
 )
 from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import ErrorMapRow
-from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error
+from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error, positions_for_errors
 from app.thermal.machine import Machine
 from app.thermal.reversed_signs import reversed_components
 from app.thermal.sensor_health import Health, check_temperatures
@@ -296,7 +297,8 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
             (table.component.input_field, table.errors),
             (table.backward_field, table.backward_errors),
         )
-        if stated is not None and (said := impossible_error(table.component, stated))
+        if stated is not None
+        and (said := impossible_error(table.component, stated) or _positions_instead(table, stated))
     ]
     errors += _in_another_unit(machine, list(error_map.tables.values()))
     axes = {*machine.chain.axes, None}
@@ -312,6 +314,12 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
     ]
     if errors:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
+
+
+def _positions_instead(table: ComponentTable, stated: FloatArray) -> str:
+    """Say that lengths are measured positions; empty if not."""
+    is_length = table.component.is_table and table.component.unit is Unit.UM
+    return positions_for_errors(table.positions_mm, stated) if is_length else ""
 
 
 def _in_another_unit(machine: Machine, tables: Sequence[ComponentTable]) -> Iterator[FieldError]:

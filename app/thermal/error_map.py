@@ -23,6 +23,14 @@ LARGEST_ERROR_UM: Final = 10 * UM_PER_MM
 Larger numbers are in another unit, or the nominal position is still in them.
 """
 
+SHORTEST_WAY_MM: Final = 1.0
+"""Over which an axis cannot stand still: backlash is shorter."""
+
+SHORTEST_IN_MM: Final = 50.0
+SAME_NUMBER: Final = 0.05
+"""Readings that are the positions' numbers within it, over a longer way than that, are in mm: an
+error of 1 mm/m scatters by more."""
+
 VALUE_LIMIT: Final = 1e6
 """What a table can hold: a metre [µm], which is where a rotary axis may be instead of at zero."""
 
@@ -66,6 +74,46 @@ def impossible_error(component: Component | None, errors: ArrayLike) -> str:
     return (
         f"expected errors within ±{largest:g} {unit}, got {worst:g} {unit}: is it in another unit, "
         "or is the nominal position still in it?"
+    )
+
+
+def positions_for_errors(positions_mm: ArrayLike, errors_um: ArrayLike) -> str:
+    """Say that values are where an axis was, and not by how much it was wrong; empty if not.
+
+    They follow the positions with a slope of 1, or −1 where an encoder counts the other way, or are
+    the positions' own numbers, in mm. No axis is wrong by half of its way; a slope of 1 mm/m is.
+
+    Parameters
+    ----------
+    positions_mm : array-like, shape (m,) [mm]
+    errors_um : array-like, shape (m,) [µm]
+
+    Examples
+    --------
+    >>> positions_for_errors([-4.88, 0.24, 5.36], [-4880.09, 239.93, 5359.9])[:59]
+    'expected deviations in µm, actual less nominal, got a slope'
+    >>> positions_for_errors([0.0, 500.0, 1000.0], [0.3, 499.8, 1000.4])
+    ''
+    """
+    positions, errors = (np.asarray(stated, dtype=float) for stated in (positions_mm, errors_um))
+    span = float(np.ptp(positions)) if positions.size else 0.0
+    if span < SHORTEST_WAY_MM:
+        return ""
+    along, across = positions - positions.mean(), errors - errors.mean()
+    slope = float(along @ across) / float(along @ along) / UM_PER_MM
+    left = across - slope * UM_PER_MM * along
+    follows = abs(slope) > 0.5 and float(left @ left) < 0.01 * float(across @ across)
+    is_in_mm = (
+        span >= SHORTEST_IN_MM
+        and positions.size > 2
+        and min(np.abs(errors - positions).max(), np.abs(errors + positions).max()) < SAME_NUMBER
+    )
+    if not follows and not is_in_mm:
+        return ""
+    got = "the positions' own numbers" if is_in_mm else f"a slope of {slope:.3g} mm/mm over them"
+    return (
+        f"expected deviations in µm, actual less nominal, got {got}: these look like measured "
+        f"positions{' in mm' if is_in_mm else ''}"
     )
 
 

@@ -97,6 +97,16 @@ async def test_what_the_model_refuses_is_said_with_its_line(client):
     assert said.startswith("run-9.csv, line 3, time: ")
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+async def test_measured_positions_are_no_deviations(client, sign):
+    """Of a stage of 8 mm: within the largest error that a machine can have."""
+    at = observation()["time"]
+    rows = "".join(f"{at},EXX,{mm},{sign * (1000 * mm + 0.3)}\n" for mm in (0, 4, 8))
+    (said,) = await refused(client, NIGHT.splitlines()[0] + "\n" + rows)
+    assert said.startswith("run-9.csv, line 2, measured_um: expected deviations")
+    assert f"a slope of {sign} mm/mm" in said
+
+
 async def test_other_machines_files_and_other_kinds_are_refused(client):
     (said,) = await refused(client, "# machine: another\n" + NIGHT)
     assert "'another'" in said

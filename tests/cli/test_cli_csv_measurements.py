@@ -399,6 +399,8 @@ ARRANGEMENTS = [
     "target_mm,forward_1_um,backward_1_um,forward_2_um,backward_2_um\n9,1,3,5,7\n0,0,2,4,6\n",
     "Target [mm];Run 1 ↑ [µm];Run 1 ↓ [µm];Run 2 ↑ [µm];Run 2 ↓ [mm]\n"
     "0;0;2;4;0,006\n9;1;3;5;0,007\n",
+    "Target [mm];direction;Actual position [mm]\n"
+    "0;+;0\n9;+;9,001\n9;-;9,003\n0;-;0,002\n0;+;0,004\n9;+;9,005\n9;-;9,007\n0;-;0,006\n",
     "position_mm;↑1 [µm];↑2 [µm];↓1 [µm];↓2 [µm]\n0;0;4;2;6\n9;1;5;3;7\n",
 ]
 

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.files.delimited_text import UnreadableFile
+from app.api.files.csv_comments import Stated
+from app.api.files.csv_error_map import read_csv_error_map
+from app.api.files.delimited_text import UnreadableFile, read_text
 from app.api.files.instrument_files import instrument_format
 from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 
@@ -134,6 +136,41 @@ def test_spelling_does_not_matter(text):
     body = read(text).body
     assert (body["axis"], body["targets_mm"]) == ("x", TARGETS)
     assert (body["forward_um"], body["backward_um"]) == (FORWARD, BACKWARD)
+
+
+@pytest.mark.parametrize(
+    ("page", "machine", "title"),
+    [
+        ("gbk", "立式加工中心", "X轴补偿前"),
+        ("gb18030", "卧式加工中心", "补偿后 20 ℃"),
+        ("cp932", "横形マシニングセンタ", "X軸補正前"),
+        ("cp932", "立形", "補正後"),
+        ("cp1252", "Fräsmaschine Größe 2", "Überprüfung kalt"),
+        ("cp1252", "Centro de usinagem", "MEDIÇÃO à froid"),
+        ("utf-8", "立式加工中心", "X轴补偿前"),
+        ("utf-16", "立式加工中心", "X轴补偿前"),
+    ],
+)
+def test_free_text_of_other_code_pages_is_read(tmp_path, page, machine, title):
+    file = tmp_path / "x.rtl"
+    text = BOTH_WAYS.replace("MCFV 5050", machine).replace("TITLE: cold", f"TITLE: {title}")
+    file.write_bytes(text.encode(page))
+    found = read_renishaw_rtl(read_text(file), file)
+    assert found.body["label"] == title
+    assert any(f"Machine {machine!r}" in remark for remark in found.remarks)
+
+
+def test_text_that_cannot_be_told_is_said_to_be_unread(tmp_path):
+    file = tmp_path / "x.rtl"
+    text = BOTH_WAYS.replace("TITLE: cold", "TITLE: до компенсации")
+    file.write_bytes(text.encode("cp1251"))
+    found = read_renishaw_rtl(read_text(file), file)
+    assert "label" not in found.body
+    assert any("code page that cannot be told" in remark for remark in found.remarks)
+    table = tmp_path / "x.csv"
+    table.write_bytes("# label: компенсация\ncomponent,position_mm,error_um\nEXX,0,0\n".encode("cp1251"))
+    with pytest.raises(UnreadableFile, match="line 1: expected text in UTF-8"):
+        read_csv_error_map(table, Stated("x", "2026-03-01T06:00:00Z", {"bed": 20.0}))
 
 
 def test_decreasing_targets_turn_the_directions():

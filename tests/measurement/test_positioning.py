@@ -339,6 +339,10 @@ def test_readings_that_may_be_millimetres_are_noted():
         ({"backward_um": [[1.0, math.inf, 3.0]]}, "backward_um", r"got inf µm at index \[0, 1\]$"),
         ({"forward_um": [[0.0, 90002.0, 0.0]]}, "forward_um", "within ±10000 µm.*perhaps in nm"),
         ({"forward_um": [[0.001, 90.004, 210.009]]}, "forward_um", "measured positions in mm"),
+        ({"forward_um": [[3.0, 90002.0 / 10, 9999.0]], "targets_mm": [0.0, 9.0, 10.0]},
+         "forward_um", "a slope of 1 mm/mm over them"),
+        ({"forward_um": [[0.0] * 3, [1.0, -1999.0, -4001.0]], "targets_mm": [0, 2, 4]},
+         "forward_um", "a slope of -1 mm/mm over them"),
         ({"repeatability_um": -1.0}, "repeatability_um", "from 0 to 10000 µm, got -1 µm"),
     ],
 )
@@ -347,3 +351,17 @@ def test_bad_input_is_refused_by_the_field_that_is_to_blame(change, field, messa
     with pytest.raises(InvalidContent, match=message) as refused:
         evaluate_positioning(**arguments)
     assert refused.value.errors[0].field == field
+
+
+@pytest.mark.parametrize(
+    ("targets_mm", "errors_um"),
+    [
+        ([0.0, 250.0, 500.0, 1000.0], [0.1, 250.2, 499.9, 1000.3]),  # a scale error of 1 mm/m
+        ([0.0, 250.0, 500.0], [0.0, -2500.0, -5000.0]),  # the largest that there is
+        ([0.0, 0.01, 0.02], [0.0, -10.0, -20.0]),  # it stands still within its backlash
+        ([0.0, 5.0, 10.0, 15.0], [0.0, 9000.0, -9000.0, 0.0]),
+    ],
+)
+def test_large_errors_that_a_machine_can_have_are_evaluated(targets_mm, errors_um):
+    found = evaluate_positioning("x", targets_mm, errors_um)
+    assert found.mean_um.tolist() == errors_um

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from app.api.files.code_pages import UNREADABLE
 from app.api.files.csv_columns import LENGTH, Named, named, normal_heading, symbol_of
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import Comment, DelimitedText, Problems
@@ -130,6 +131,12 @@ def read_comments(
             free += [comment.text] if comment.text else []
             continue
         name, value = found
+        if UNREADABLE in name + value:
+            text.problems.add(
+                f"expected text in UTF-8, got letters of an unknown code page in {comment.text!r}",
+                line,
+            )
+            continue
         one = _statement_of(known, name)
         if one is None:
             if not _read_fact(text.problems, line, name, value, facts, temperatures_c, empty):

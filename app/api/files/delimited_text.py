@@ -7,7 +7,6 @@ lines (`#`) anywhere. An Excel workbook is read as if it had been saved as CSV.
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
@@ -16,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from app.api.files.code_pages import decoded
 from app.api.files.decimal_text import read_number
 from app.csv_text import without_marks
 from app.errors import ThermapError, counted, list_names
@@ -330,21 +330,12 @@ def text_of(content: bytes, file: Path) -> str:
             return workbook_text(content)
         except NoTable as error:
             raise UnreadableFile(f"{file}: {error.detail}") from None
-    text = _decoded(content)
+    text = decoded(content)
     if "\0" in text:  # no text has one; pictures and archives do
         raise UnreadableFile(
             f"{file}: expected text (CSV) or an Excel workbook, got a file of another kind"
         )
     return text
-
-
-def _decoded(content: bytes) -> str:
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return content.decode("utf-16", errors="replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
 
 
 def left_out(headings: Iterable[str]) -> str:

@@ -12,10 +12,11 @@ from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
 from app.effects.observations import Observation, Verification
 from app.errors import InvalidContent
-from app.geometry.components import COMPONENTS, Component
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
 from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
-from app.thermal.error_map import impossible_error
+from app.thermal.error_map import impossible_error, positions_for_errors
+from app.units import Unit
 
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion
@@ -207,7 +208,22 @@ class VerificationRequest(VerificationHead):
                 found.append(stated.to_measured())
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
+        _expect_deviations(found)
         return Verification(self.label, tuple(found), self.datum, self.repeatability_um)
+
+
+def _expect_deviations(observations: Sequence[Observation]) -> None:
+    """Refuse measured positions: they follow the nominal ones with a slope of 1."""
+    lines: dict[str, list[tuple[int, float, float]]] = {}
+    for i, one in enumerate(observations):
+        if one.point_mm is not None:
+            for axis, at, value in zip(LINEAR_LETTERS, one.point_mm, one.measured, strict=True):
+                lines.setdefault(f"points {axis}", []).append((i, at, value))
+        elif one.position_mm is not None and COMPONENTS[str(one.component)].unit is Unit.UM:
+            lines.setdefault(str(one.component), []).append((i, one.position_mm, one.measured[0]))
+    for line in lines.values():
+        if said := positions_for_errors([at for _, at, _ in line], [v for *_, v in line]):
+            raise InvalidContent.of_field(f"observations.{line[0][0]}.measured_um", said)
 
 
 class VerificationAnswer(VerificationHead):

@@ -96,6 +96,18 @@ export function askOnce(place, words, lines, verb, act, destroys = false) {
   (destroys ? no : yes).focus();
 }
 
+const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
+const THOUSANDS = /^[+-]?[1-9]\d{0,2},\d{3}$/;
+
+// A number as people type it, with a decimal point or comma, whatever the browser's language is.
+// Gives null for what is none, and for a comma of which nobody knows whether it parts thousands.
+export function numberOf(text) {
+  const plain = text.trim().replace("−", "-");
+  if (THOUSANDS.test(plain)) return null;
+  const written = plain.includes(".") ? plain : plain.replace(",", ".");
+  return NUMBER.test(written) ? Number(written) : null;
+}
+
 export function signed(value) {
   const text = Math.abs(value).toFixed(PLACES);
   if (Number(text) === 0) return text;

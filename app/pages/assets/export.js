@@ -1,5 +1,5 @@
 // A controller's files: what they are, what to check after loading, and what they do not hold.
-import { list, refused, Refusal, send, signed, told } from "./ask.js";
+import { list, numberOf, refused, Refusal, send, signed, told } from "./ask.js";
 
 const room = document.getElementById("export");
 const form = document.getElementById("options");
@@ -8,14 +8,12 @@ const place = document.getElementById("shown");
 const show = document.getElementById("show");
 const download = document.getElementById("download");
 const others = document.getElementById("others");
-const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 
 // What is no number goes as it was typed: the service says what is wrong with it.
 function value(input, takes) {
   const text = input.value.trim();
   if (takes === "choice") return JSON.parse(text);
-  const plain = text.replace("−", "-");
-  return takes !== "text" && NUMBER.test(plain) ? Number(plain) : text;
+  return takes === "text" ? text : (numberOf(text) ?? text);
 }
 
 function stated() {

@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, refused, send, told } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, numberOf, refused, send, told } from "./ask.js";
 
 const room = document.getElementById("loop");
 const api = room.dataset.api;
@@ -78,6 +78,19 @@ on("cancel", "click", async () => {
   }
 });
 
+// The numbers that were typed, null for an empty field; nothing where one is none, which is said.
+function numbersIn(fields, place) {
+  const wrong = fields.filter((one) => one.value.trim() && numberOf(one.value) === null);
+  for (const one of fields) one.removeAttribute("aria-invalid");
+  if (!wrong.length) return fields.map((one) => (one.value.trim() ? numberOf(one.value) : null));
+  for (const one of wrong) one.setAttribute("aria-invalid", "true");
+  const lines = wrong.map((one) => `${one.ariaLabel ?? one.labels[0].textContent.trim()}: expected a number such as 5.2 or 5,2, got “${one.value.trim()}”.`);
+  told(place, "Nothing was sent.");
+  place.append(list(lines));
+  wrong[0].focus();
+  return null;
+}
+
 // Starting one
 
 async function start(asked, place, button) {
@@ -93,10 +106,12 @@ async function start(asked, place, button) {
 
 on("start", "click", () => {
   const kinds = chosen("kind");
+  const [held, seed] = numbersIn([by("held"), by("seed")], by("checks-said")) ?? [];
+  if (seed === undefined) return;
   const asked = {
     verifications: chosen("check").map(Number),
-    holdout_fraction: Number(by("held").value) / 100,
-    seed: Number(by("seed").value),
+    holdout_fraction: held / 100,
+    seed,
     effects: kinds.length ? kinds : null,
   };
   start(asked, by("checks-said"), by("start"));
@@ -248,15 +263,15 @@ function another() {
   field(row, "position").focus();
 }
 
-function observation(row) {
+function observation(row, error, position) {
   const value = (name) => field(row, name).value;
   return {
     time: `${value("time")}Z`,
     component: value("component").trim(),
-    measured_um: Number(value("error")),
+    measured_um: error,
     // What has no position, squareness, has no approach either.
-    ...(value("position") && { position_mm: Number(value("position")) }),
-    ...(value("position") && value("direction") && { direction: value("direction") }),
+    ...(position !== null && { position_mm: position }),
+    ...(position !== null && value("direction") && { direction: value("direction") }),
   };
 }
 
@@ -269,9 +284,12 @@ if (rows) {
   document.querySelector("#typed form").addEventListener("submit", (event) => {
     event.preventDefault();
     const label = by("typed-label").value;
-    const observations = [...rows.rows].filter((row) => field(row, "error").value).map(observation);
-    const stated = by("typed-repeatability").value;
-    const repeatability_um = stated ? Number(stated) : null;
+    const filled = [...rows.rows].filter((row) => field(row, "error").value.trim());
+    const fields = [by("typed-repeatability"), ...filled.flatMap((row) => [field(row, "error"), field(row, "position")])];
+    const numbers = numbersIn(fields, by("checks-said"));
+    if (!numbers) return;
+    const [repeatability_um, ...read] = numbers;
+    const observations = filled.map((row, i) => observation(row, read[2 * i], read[2 * i + 1]));
     store(label, "verifications", { label, datum: by("typed-datum").value, repeatability_um, observations });
   });
 }

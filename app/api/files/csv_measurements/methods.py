@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any, Final
 
 from app.api.files.csv_columns import (
@@ -18,6 +19,7 @@ from app.api.files.csv_columns import (
     Named,
     Quantity,
     find_columns,
+    match_columns,
     normal_heading,
 )
 from app.api.files.csv_comments import Statement
@@ -60,6 +62,10 @@ _NUMBERED: Final = re.compile(
 _TARGET: Final = Named("target", POSITION, ("target_position", "position"))
 _WAYS: Final = (Named("forward", LENGTH), Named("backward", LENGTH))
 _ERROR: Final = Named("error", LENGTH, ("deviation",))
+_PLACE_REACHED: Final = Quantity("mm", {u: f for u, f in POSITION.factors.items() if u != "um"})
+"""In µm, what is called measured is a deviation."""
+
+_ACTUAL: Final = Named("actual", _PLACE_REACHED, ("measured", "actual_position", "measured_position"))
 _DIRECTION: Final = Named("direction", None, ("approach",))
 
 _POSITION: Final = Named("position", POSITION)
@@ -183,7 +189,9 @@ def _read_positioning(
         columns = find_columns(text, [_TARGET], [*_WAYS, RUN], remarks)
         runs = read_runs(columns, "target", [way.field for way in _WAYS], text.rows)
     else:
-        runs = _runs_in_lines(find_columns(text, [_TARGET, _ERROR], [RUN, _DIRECTION], remarks))
+        has_error = any(_ERROR.unit_in(heading) is not None for heading in text.headings)
+        value = _ERROR if has_error or not match_columns(text, [_ACTUAL]) else _ACTUAL
+        runs = _runs_in_lines(find_columns(text, [_TARGET, value], [RUN, _DIRECTION], remarks))
     targets, readings = runs.in_order()
     if text.rows and "forward" not in readings and not text.problems.number:
         text.problems.add("expected forward readings, got none", text.heading_line)
@@ -210,7 +218,11 @@ def _runs_in_lines(columns: Columns) -> Runs:
     """Read a line for each reading; all are forward where no direction is stated."""
     runs = Runs(columns)
     for row, target, run in positions_and_runs(columns, "target", columns.text.rows):
-        value = columns.needed(row, "error")
+        value = columns.needed(row, "error" if "error" in columns else "actual")
+        if value is not None and "actual" in columns:
+            # In decimal, so that 0.2399 less 0.24 mm is −0.1 µm and not −0.1 and a bit.
+            less_mm = Decimal(repr(value)) - Decimal(repr(target))
+            value = LENGTH.convert(float(less_mm), "mm")
         written = columns.word(row, "direction").lower() if "direction" in columns else "forward"
         direction = _DIRECTIONS.get(written)
         if direction is None:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from app.api.files.code_pages import UNREADABLE
 from app.api.files.csv_measurements import CsvMeasurement
 from app.api.files.delimited_text import LONGEST_LINE, Problems, split_lines
 from app.errors import counted, list_names
@@ -140,7 +141,13 @@ def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeas
     ways = _ways(found, targets, runs, both_ways, remarks)
     found.stop_if_wrong()
     title = found.entry("USER-TEXT", "TITLE")
-    body: dict[str, Any] = {"label": title.text} if title and title.text else {}
+    body: dict[str, Any] = {}
+    if title and UNREADABLE in title.text:
+        remarks.append(
+            "its title is in a code page that cannot be told, and not read: state a label"
+        )
+    elif title and title.text:
+        body = {"label": title.text}
     body |= {"instrument": "Renishaw laser, .rtl", "axis": letter}
     return CsvMeasurement({**body, "targets_mm": sorted(targets), **ways}, None, remarks)
 
