@@ -168,7 +168,8 @@ def test_text_that_cannot_be_told_is_said_to_be_unread(tmp_path):
     assert "label" not in found.body
     assert any("code page that cannot be told" in remark for remark in found.remarks)
     table = tmp_path / "x.csv"
-    table.write_bytes("# label: компенсация\ncomponent,position_mm,error_um\nEXX,0,0\n".encode("cp1251"))
+    rows = "component,position_mm,error_um\nEXX,0,0\n"
+    table.write_bytes(f"# label: компенсация\n{rows}".encode("cp1251"))
     with pytest.raises(UnreadableFile, match="line 1: expected text in UTF-8"):
         read_csv_error_map(table, Stated("x", "2026-03-01T06:00:00Z", {"bed": 20.0}))
 

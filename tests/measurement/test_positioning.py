@@ -339,10 +339,16 @@ def test_readings_that_may_be_millimetres_are_noted():
         ({"backward_um": [[1.0, math.inf, 3.0]]}, "backward_um", r"got inf µm at index \[0, 1\]$"),
         ({"forward_um": [[0.0, 90002.0, 0.0]]}, "forward_um", "within ±10000 µm.*perhaps in nm"),
         ({"forward_um": [[0.001, 90.004, 210.009]]}, "forward_um", "measured positions in mm"),
-        ({"forward_um": [[3.0, 90002.0 / 10, 9999.0]], "targets_mm": [0.0, 9.0, 10.0]},
-         "forward_um", "a slope of 1 mm/mm over them"),
-        ({"forward_um": [[0.0] * 3, [1.0, -1999.0, -4001.0]], "targets_mm": [0, 2, 4]},
-         "forward_um", "a slope of -1 mm/mm over them"),
+        (
+            {"forward_um": [[3.0, 90002.0 / 10, 9999.0]], "targets_mm": [0.0, 9.0, 10.0]},
+            "forward_um",
+            "a slope of 1 mm/mm over them",
+        ),
+        (
+            {"forward_um": [[0.0] * 3, [1.0, -1999.0, -4001.0]], "targets_mm": [0, 2, 4]},
+            "forward_um",
+            "a slope of -1 mm/mm over them",
+        ),
         ({"repeatability_um": -1.0}, "repeatability_um", "from 0 to 10000 µm, got -1 µm"),
     ],
 )

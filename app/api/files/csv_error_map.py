@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -27,14 +26,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
+from app.api.files.component_columns import COMPONENT_UNITS, OWN, VALUE
+from app.api.files.component_sheets import ComponentSheets, read_component_sheets
 from app.api.files.csv_columns import (
-    LENGTH,
     POSITION,
-    SMALL_ANGLE,
     Column,
     Columns,
     Named,
-    Quantity,
     by_field,
     match_columns,
 )
@@ -44,8 +42,9 @@ from app.api.files.delimited_text import (
     Problems,
     Row,
     left_out,
+    only_sheet,
     parse_delimited,
-    read_text,
+    read_sheets,
 )
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
 from app.errors import InvalidContent, UnknownComponent, list_names
@@ -56,28 +55,8 @@ from app.units import Unit
 
 _COMPONENT: Final = Named("component", None)
 _POSITION: Final = Named("position", POSITION)
-_SLOPE_OF_ANGLE: Final = "urad_per_m"
 _OWN_UNITS: Final = frozenset(str(unit) for unit in Unit)
 """In which the service has errors."""
-
-_OWN: Final = ""
-"""Stands for the unit of a column that states none: each component's own."""
-
-_VALUE: Final = Quantity(
-    "um",
-    {**LENGTH.factors, **SMALL_ANGLE.factors, _SLOPE_OF_ANGLE: Decimal(1)},
-    assumed=_OWN,
-)
-"""Of whatever component: a unit of lengths is none of angles, and so each converts in one way."""
-
-_COMPONENT_UNITS: Final[Mapping[str, Sequence[Unit]]] = {
-    **dict.fromkeys(LENGTH.factors, (Unit.UM,)),
-    **dict.fromkeys(SMALL_ANGLE.factors, (Unit.URAD, Unit.UM_PER_M)),
-    **dict.fromkeys(("um_per_m", "mm_per_m"), (Unit.UM_PER_M,)),
-    _SLOPE_OF_ANGLE: (Unit.URAD_PER_M,),
-    _OWN: (),
-}
-"""Unit of a column to the units of the components that it can be converted to."""
 
 _ERROR: Final = ""
 _KINDS: Final = {
@@ -92,7 +71,7 @@ _NAMES: Final = ("errors", "slope", "slopes", "value", "values")
 _VALUES: Final = {
     kind: Named(
         f"{kind}error",
-        _VALUE,
+        VALUE,
         (f"{kind}errors",)
         if kind.endswith("standard_")
         else tuple(f"{kind}{name}" for name in _NAMES),
@@ -128,7 +107,7 @@ class _Point:
 
     row: Row
     position_mm: float | None
-    values: Mapping[str, float | None]
+    values: dict[str, float | None]
 
 
 def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
@@ -145,16 +124,21 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
         With file, line and column of everything that is wrong, what was expected
         and what came.
     """
-    return parse_csv_error_map(read_text(file), file, stated)
+    return parse_csv_error_map(read_sheets(file), file, stated)
 
 
-def parse_csv_error_map(written: str, file: Path, stated: Stated) -> CsvErrorMap:
-    """Read an error map from a file's text, as `read_csv_error_map` does."""
+def parse_csv_error_map(sheets: Mapping[str, str], file: Path, stated: Stated) -> CsvErrorMap:
+    """Read an error map from the sheets of a file, as `read_csv_error_map` does."""
     problems = Problems(file)
-    text = parse_delimited(written, problems)
     remarks: list[str] = []
-    comments = read_comments(text, stated, remarks)
-    components = _read_components(text, remarks)
+    found = read_component_sheets(sheets, problems, remarks)
+    if found is None:
+        text = parse_delimited(only_sheet(sheets, file), problems)
+        comments = read_comments(text, stated, remarks)
+        components = _read_components(text, remarks)
+    else:
+        comments = read_comments(found.header, stated, remarks)
+        components = _components_of_columns(found, remarks)
     problems.raise_if_any()
     error_map = _checked_map(comments.state | {"components": components}, problems)
     return CsvErrorMap(error_map, comments.machine, remarks)
@@ -183,9 +167,58 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
     ]
 
 
+def _components_of_columns(found: ComponentSheets, remarks: list[str]) -> list[ComponentSchema]:
+    """Put the cells of tables with a column for each component together."""
+    points: dict[str, dict[object, _Point]] = {}
+    names: dict[str, str] = {}
+    for one in found.values:
+        code = one.column.component.code
+        place = (id(one.text), one.row.line, one.column.position)
+        point = points.setdefault(code, {}).setdefault(
+            place, _Point(one.row, one.position_mm, dict.fromkeys(_KINDS))
+        )
+        point.values[one.column.kind] = one.value
+        names.setdefault(code, one.column.name)
+    if not points:
+        found.header.problems.add("expected lines of values, got none")
+    for code, of_places in points.items():
+        for point in of_places.values():
+            if point.values[_ERROR] is None:
+                message = f"expected the error of {code} beside its other values, got none"
+                found.header.problems.add(message, point.row.line)
+    _refuse_millimetres(
+        "the columns without another unit",
+        [
+            one.value
+            for one in found.values
+            if one.column.unit in (OWN, Unit.UM)
+            and not one.column.kind
+            and one.column.component.unit is Unit.UM
+        ],
+        found.header.problems,
+        "Write [mm] into the headings",
+    )
+    return [
+        made
+        for code, of_places in points.items()
+        if (made := _make_component(found.header, names[code], list(of_places.values())))
+        is not None
+    ]
+
+
+def _refuse_millimetres(
+    heading: str, lengths: Sequence[float], problems: Problems, remedy: str
+) -> None:
+    """Refuse lengths, said to be in µm, that are all so small that they are in mm."""
+    for sentence in suspiciously_small(heading, np.array(lengths)) if lengths else ():
+        problems.add(
+            f"{sentence} {remedy} if they are; a map that truly is so small can be given as JSON"
+        )
+
+
 def _expect_micrometres(table: _Table, points: Mapping[str, Sequence[_Point]]) -> None:
     """Refuse a map whose lengths, said to be in µm, are all so small that they are in mm."""
-    plain = [column for column in table.values[_ERROR] if column.unit in (_OWN, Unit.UM)]
+    plain = [column for column in table.values[_ERROR] if column.unit in (OWN, Unit.UM)]
     lengths = [
         value
         for code, found in points.items()
@@ -193,13 +226,13 @@ def _expect_micrometres(table: _Table, points: Mapping[str, Sequence[_Point]]) -
         for point in found
         if (value := point.values[_ERROR]) is not None
     ]
-    if plain and lengths:
-        heading = table.text.headings[plain[0].index]
-        for sentence in suspiciously_small(heading, np.array(lengths)):
-            table.text.problems.add(
-                f"{sentence} Call the column error_mm if they are; a map that truly is so small "
-                "can be given as JSON"
-            )
+    if plain:
+        _refuse_millimetres(
+            table.text.headings[plain[0].index],
+            lengths,
+            table.text.problems,
+            "Call the column error_mm",
+        )
 
 
 def _find_columns(text: DelimitedText, remarks: list[str]) -> _Table:
@@ -223,12 +256,12 @@ def _find_columns(text: DelimitedText, remarks: list[str]) -> _Table:
 
 def _is_converted(column: Column) -> bool:
     """Say whether a column's unit is another than those of components."""
-    return column.unit != _OWN and column.unit not in _OWN_UNITS
+    return column.unit != OWN and column.unit not in _OWN_UNITS
 
 
 def _fits(column: Column, component: Component) -> bool:
     """Say whether a column's unit can be a component's."""
-    return component.unit in _COMPONENT_UNITS[column.unit]
+    return component.unit in COMPONENT_UNITS[column.unit]
 
 
 def _component_of(table: _Table, row: Row) -> Component | None:
@@ -309,7 +342,7 @@ def _read_value(table: _Table, row: Row, kind: str, component: Component) -> flo
             symbol = column.symbol if is_converted else component.unit.symbol
             value = text.number(row, column.index, symbol)
             if value is not None and is_converted:
-                value = _VALUE.convert(value, column.unit)
+                value = VALUE.convert(value, column.unit)
             impossible = "" if value is None else impossible_error(component, value)
             if impossible:
                 text.complain(row, column.index, impossible)
@@ -339,7 +372,7 @@ def _other_units(table: _Table, names: Mapping[str, str]) -> Iterator[str]:
     only = forward[0]
     for unit in Unit:
         codes = [code for code, name in names.items() if parse_component(name)[0].unit is unit]
-        if codes and unit not in _COMPONENT_UNITS[only.unit]:
+        if codes and unit not in COMPONENT_UNITS[only.unit]:
             heading = table.text.headings[only.index]
             yield f"values of {list_names(codes)} in {heading} are read in {unit.symbol}"
 

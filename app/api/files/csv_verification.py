@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from app.api.files.component_columns import ComponentValue
+from app.api.files.component_sheets import ComponentSheets, read_component_sheets
 from app.api.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -29,7 +31,13 @@ from app.api.files.csv_columns import (
 )
 from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
 from app.api.files.csv_measurements.formats import REPEATABILITY, choice_among
-from app.api.files.delimited_text import DelimitedText, Row, parse_delimited, read_text
+from app.api.files.delimited_text import (
+    DelimitedText,
+    Row,
+    only_sheet,
+    parse_delimited,
+    read_sheets,
+)
 from app.api.files.delimited_text import Problems as FileProblems
 from app.api.schemas.verifications import MOST_OBSERVATIONS
 from app.errors import UnknownComponent, list_names
@@ -48,6 +56,9 @@ DIRECTIONS: Final = ("+", "-")
 _DATUM: Final = choice_among("datum", *(str(datum) for datum in Datum))
 _STATEMENTS: Final[tuple[Statement, ...]] = (_DATUM, REPEATABILITY)
 _READ_OF_COMMENTS: Final = frozenset({"label", "instrument"})
+
+_BESIDE: Final = ("time", "direction", "setup")
+"""Columns that stand beside those of components."""
 
 _ANGLES: Final = (Unit.URAD, Unit.UM_PER_M)
 """A µm/m is a µrad."""
@@ -98,15 +109,19 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what came.
     """
-    return parse_csv_verification(read_text(file), file, is_planned=is_planned)
+    return parse_csv_verification(read_sheets(file), file, is_planned=is_planned)
 
 
 def parse_csv_verification(
-    written: str, file: Path, *, is_planned: bool = False
+    sheets: Mapping[str, str], file: Path, *, is_planned: bool = False
 ) -> CsvVerification:
-    """Read a verification from a file's text, as `read_csv_verification` does."""
-    text = parse_delimited(written, FileProblems(file), MOST_OBSERVATIONS)
+    """Read a verification from the sheets of a file, as `read_csv_verification` does."""
     remarks: list[str] = []
+    problems = FileProblems(file)
+    tables = read_component_sheets(sheets, problems, remarks, MOST_OBSERVATIONS, _BESIDE)
+    if tables is not None:
+        return _of_component_columns(tables, file, remarks, is_planned)
+    text = parse_delimited(only_sheet(sheets, file), problems, MOST_OBSERVATIONS)
     comments = read_comments(text, Stated(), remarks, _STATEMENTS, complete=False)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
     if unread:
@@ -124,6 +139,68 @@ def parse_csv_verification(
         remarks,
         [row.line for row in text.rows],
     )
+
+
+def _of_component_columns(
+    tables: ComponentSheets, file: Path, remarks: list[str], is_planned: bool
+) -> CsvVerification:
+    """Read tables with a column for each component: each cell is an observation.
+
+    Without a column of times all of them count as measured when the header says.
+    """
+    problems = tables.header.problems
+    comments = read_comments(tables.header, Stated(), remarks, _STATEMENTS, complete=False)
+    whole = comments.state.get("measured_at")
+    unread = sorted(comments.state.keys() - _READ_OF_COMMENTS - {"measured_at"})
+    if unread:
+        remarks.append(f"comment lines that say nothing of a verification: {list_names(unread)}")
+    observations: list[Body] = []
+    lines = []
+    for one in tables.values:
+        time = one.beside("time") or whole
+        if time is None:
+            problems.add_once(
+                "expected a column time, or `# measured_at: 2026-03-01T06:00:00Z` for all values, "
+                "got none",
+                one.text.heading_line,
+            )
+            continue
+        if one.column.is_standard_error:
+            problems.add_once(
+                f"expected no standard errors in a verification, got {one.column.name}: its "
+                "repeatability is stated once, as `# repeatability_um: 0.5`",
+                one.text.heading_line,
+            )
+            continue
+        found: Body = {"time": time, "component": one.column.name}
+        if one.position_mm is not None:
+            found["position_mm"] = one.position_mm
+        stated = _sign(one)
+        found |= {"direction": stated} if stated else {}
+        found |= {"setup": setup} if (setup := one.beside("setup")) else {}
+        if not is_planned:
+            found[f"measured_{one.column.component.unit}"] = one.value
+        observations.append(found)
+        lines.append(one.row.line)
+    problems.raise_if_any()
+    return CsvVerification(
+        {**_head(comments, file.stem), "observations": observations},
+        comments.machine,
+        remarks,
+        lines if tables.is_one_sheet else [],
+    )
+
+
+def _sign(one: ComponentValue) -> str | None:
+    """Read the direction of approach: of the column, or of the line."""
+    if one.column.is_backward:
+        return "-"
+    if one.column.is_forward:
+        return "+"
+    word = one.beside("direction").replace("\N{MINUS SIGN}", "-")
+    if word and word not in DIRECTIONS:
+        one.text.problems.add(f"expected + or - as direction, got {word!r}", one.row.line)
+    return word or None
 
 
 def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> None:

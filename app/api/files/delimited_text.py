@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -92,12 +92,19 @@ class Problems:
     number: int = 0
     first: list[str] = field(default_factory=list)
     lacks: list[tuple[Lack, str]] = field(default_factory=list)
+    sheet: str = ""
+    """Of a workbook with several, the one that is being read."""
     _once: set[str] = field(default_factory=set)
 
     def add(self, message: str, line: int | None = None, column: str = "") -> None:
         """Note a problem, with the number of its line and the column's name and number."""
         place = "".join(
-            (str(self.file), f", line {line}" if line else "", f", {column}" if column else "")
+            (
+                str(self.file),
+                f", sheet {self.sheet!r}" if self.sheet else "",
+                f", line {line}" if line else "",
+                f", {column}" if column else "",
+            )
         )
         self.number += 1
         if len(self.first) < SHOWN:
@@ -237,7 +244,9 @@ def split_lines(text: str) -> list[str]:
     return lines if lines[-1] else lines[:-1]
 
 
-def parse_delimited(text: str, problems: Problems, most: int | None = None) -> DelimitedText:
+def parse_delimited(
+    text: str, problems: Problems, most: int | None = None, *, is_one_table: bool = True
+) -> DelimitedText:
     """Read a text into comments, column names and rows.
 
     Parameters
@@ -246,6 +255,8 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
         Takes up what is wrong, under the file's name.
     most
         Lines of values that are accepted; more are not read.
+    is_one_table
+        Whether the first line names the columns of all others; if not, it is as they are.
 
     Raises
     ------
@@ -267,6 +278,9 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
             comments.append((line, written))
         elif written.strip(" \t;,"):
             contents.append((line, written))
+    if not contents and not is_one_table:
+        said = [_comment(line, written, stated or "\t") for line, written in comments]
+        return DelimitedText(problems, said, [], 0, [], decimal_comma=True)
     if not contents:
         problems.add("expected a line of column names and lines of values, got none")
         problems.raise_if_any()
@@ -281,21 +295,17 @@ def parse_delimited(text: str, problems: Problems, most: int | None = None) -> D
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
-    if len(headings) > MOST_COLUMNS:
-        problems.add(f"expected at most {MOST_COLUMNS} columns, got {len(headings)}", heading_line)
-        problems.raise_if_any()
-    if len(headings) * (len(contents) - 1) > MOST_CELLS:
-        problems.add(
-            f"expected at most {MOST_CELLS} cells, lines by columns, got {len(contents) - 1} by "
-            f"{len(headings)}"
-        )
-        problems.raise_if_any()
+    _expect_few_cells(len(headings), len(contents) - 1, heading_line, problems)
     rows = [Row(line, _split(written, delimiter)) for line, written in contents[1:]]
+    if not is_one_table:
+        headings += [""] * (max((len(row.cells) for row in rows), default=0) - len(headings))
+        _expect_few_cells(len(headings), len(rows), heading_line, problems)
     for row in (Row(heading_line, headings), *rows):
         if any(len(cell) > LONGEST_CELL for cell in row.cells):
             problems.add(f"expected cells of at most {LONGEST_CELL} characters", row.line)
     problems.raise_if_any()
-    _expect_comments(heading_line, headings, rows, problems)
+    if is_one_table:
+        _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
     said = [_comment(line, written, delimiter) for line, written in comments]
@@ -310,11 +320,16 @@ def read_text(file: Path) -> str:
     UnreadableFile
         If it cannot be read, or a workbook does not hold one table.
     """
+    return only_sheet(read_sheets(file), file)
+
+
+def read_sheets(file: Path) -> Mapping[str, str]:
+    """Read a file's sheets, as `sheets_of` does, and refuse one that is not there."""
     try:
         content = file.read_bytes()
     except OSError as error:
         raise UnreadableFile(f"{file}: {error.strerror}") from None
-    return text_of(content, file)
+    return sheets_of(content, file)
 
 
 def text_of(content: bytes, file: Path) -> str:
@@ -325,9 +340,33 @@ def text_of(content: bytes, file: Path) -> str:
     UnreadableFile
         If it is no text, or a workbook does not hold one table.
     """
+    return only_sheet(sheets_of(content, file), file)
+
+
+def only_sheet(sheets: Mapping[str, str], file: Path) -> str:
+    """Give the text of the one sheet that holds something, or refuse the file."""
+    if len(sheets) == 1:
+        return next(iter(sheets.values()))
+    got = f"{len(sheets)}: {list_names(sheets)}" if sheets else "none"
+    raise UnreadableFile(
+        f"{file}: an Excel workbook: expected one sheet that holds values, got {got}; "
+        "keep one, or save the one that is meant as CSV"
+    )
+
+
+def sheets_of(content: bytes, file: Path) -> Mapping[str, str]:
+    """Read the sheets in a file that hold something: title to text.
+
+    Text is one sheet without a title.
+
+    Raises
+    ------
+    UnreadableFile
+        If it is neither text nor a workbook.
+    """
     if content.startswith((WORKBOOK, OLD_WORKBOOK)):
         try:
-            return workbook_text(content)
+            return workbook_sheets(content)
         except NoTable as error:
             raise UnreadableFile(f"{file}: {error.detail}") from None
     text = decoded(content)
@@ -335,7 +374,18 @@ def text_of(content: bytes, file: Path) -> str:
         raise UnreadableFile(
             f"{file}: expected text (CSV) or an Excel workbook, got a file of another kind"
         )
-    return text
+    return {"": text}
+
+
+def _expect_few_cells(columns: int, lines: int, heading_line: int, problems: Problems) -> None:
+    if columns > MOST_COLUMNS:
+        problems.add(f"expected at most {MOST_COLUMNS} columns, got {columns}", heading_line)
+        problems.raise_if_any()
+    if columns * lines > MOST_CELLS:
+        problems.add(
+            f"expected at most {MOST_CELLS} cells, lines by columns, got {lines} by {columns}"
+        )
+        problems.raise_if_any()
 
 
 def left_out(headings: Iterable[str]) -> str:
@@ -398,32 +448,28 @@ class NoTable(ThermapError):
     """A workbook holds no table that could be read."""
 
 
-def workbook_text(content: bytes) -> str:
-    """Write the sheet that holds values as text with tabs between the columns.
+def workbook_sheets(content: bytes) -> dict[str, str]:
+    """Write the sheets that hold something as text with tabs between the columns.
 
     Returns
     -------
-    str
-        A line for each row, as they are numbered in the sheet; formulas as their values.
+    dict
+        Title to a line for each row, as they are numbered in the sheet; formulas as their values.
 
     Raises
     ------
     NoTable
-        If it is no workbook, or not exactly one sheet holds something.
+        If it is no workbook.
     """
     if content.startswith(OLD_WORKBOOK):
         raise NoTable("an old Excel workbook (.xls): save it as CSV or .xlsx")
-    from app.api.files.workbooks import read_sheets
+    from app.api.files.workbooks import read_sheets as cells_of_sheets
 
-    sheets = {title: rows for title, rows in read_sheets(content).items() if any(rows)}
-    if len(sheets) != 1:
-        got = f"{len(sheets)}: {list_names(sheets)}" if sheets else "none"
-        raise NoTable(
-            f"an Excel workbook: expected one sheet that holds values, got {got}; "
-            "keep one, or save the one that is meant as CSV"
-        )
-    (rows,) = sheets.values()
-    return "".join(_line(cells) for cells in rows)
+    return {
+        title: "".join(_line(cells) for cells in rows)
+        for title, rows in cells_of_sheets(content).items()
+        if any(rows)
+    }
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap, parse_csv_error_map
 from app.api.files.csv_measurements import CsvMeasurement, read_csv_measurement
-from app.api.files.delimited_text import Problems, UnreadableFile, text_of
+from app.api.files.delimited_text import Problems, UnreadableFile, only_sheet, sheets_of
 from app.api.files.instrument_files import InstrumentFormat, format_of_text
 from app.errors import FieldError, InvalidContent
 
@@ -52,16 +52,18 @@ def read_uploaded_map(
     """
     file = Path(Path(name).name or "file.csv")
     try:
-        text = text_of(content, file)
-        written = format_of_text(file, text)
+        sheets = sheets_of(content, file)
+        written = format_of_text(file, next(iter(sheets.values()), ""))
         found: CsvErrorMap | CsvMeasurement
         if written is not None:
             method = _method_of(file, written, method)
+            text = only_sheet(sheets, file)
             found = _with_stated(written.read(text, file, stated.axis), file, stated)
         elif method is not None:
+            text = only_sheet(sheets, file)
             found = read_csv_measurement(method, text, name=str(file), stated=stated, complete=True)
         else:
-            found = parse_csv_error_map(text, file, stated)
+            found = parse_csv_error_map(sheets, file, stated)
     except UnreadableFile as error:
         errors = [FieldError("file", line) for line in error.wrong]
         errors += [FieldError(lack.field, lack.message) for lack in error.lacks]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.api.files.csv_verification import parse_csv_verification
-from app.api.files.delimited_text import Problems, UnreadableFile, text_of
+from app.api.files.delimited_text import Problems, UnreadableFile, sheets_of
 from app.api.files.instrument_files import format_of_text
 from app.api.files.verification_check import check_verification, complain_of_fields
 from app.effects.observations import Verification
@@ -57,14 +57,14 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     """
     file = Path(Path(name).name or "file.csv")
     try:
-        text = text_of(content, file)
-        written = format_of_text(file, text)
+        sheets = sheets_of(content, file)
+        written = format_of_text(file, next(iter(sheets.values()), ""))
         if written is not None:
             raise UnreadableFile(
                 f"{file}: expected a verification as CSV, got {written.name}: `thermap import "
                 f"--method {written.method} {file} --machine {machine}` makes an error map of it"
             )
-        read = parse_csv_verification(text, file)
+        read = parse_csv_verification(sheets, file)
         if read.machine not in (None, machine):
             raise UnreadableFile(
                 f"{file} says that it belongs to {read.machine!r}, got {machine!r}"

@@ -65,7 +65,9 @@ _ERROR: Final = Named("error", LENGTH, ("deviation",))
 _PLACE_REACHED: Final = Quantity("mm", {u: f for u, f in POSITION.factors.items() if u != "um"})
 """In µm, what is called measured is a deviation."""
 
-_ACTUAL: Final = Named("actual", _PLACE_REACHED, ("measured", "actual_position", "measured_position"))
+_ACTUAL: Final = Named(
+    "actual", _PLACE_REACHED, ("measured", "actual_position", "measured_position")
+)
 _DIRECTION: Final = Named("direction", None, ("approach",))
 
 _POSITION: Final = Named("position", POSITION)

@@ -1,0 +1,148 @@
+"""Sheets with a column for each component, and what stands beside these tables of the whole.
+
+A workbook may have a sheet for each axis, one for squareness, and a protocol: whose, when, and at
+which temperatures (`Bed front; 18,1; °C`). Its sheets make one map, or one check.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final
+
+from app.api.files.component_columns import (
+    ComponentValue,
+    has_component_columns,
+    read_component_tables,
+)
+from app.api.files.csv_columns import normal_heading
+from app.api.files.decimal_text import read_number
+from app.api.files.delimited_text import (
+    MOST_CELLS,
+    Comment,
+    DelimitedText,
+    Problems,
+    Row,
+    parse_delimited,
+)
+from app.errors import list_names
+
+_NAMES: Final = {
+    **dict.fromkeys(
+        ("date", "time", "measured", "measured_on", "measured_at", "datum"), "measured_at"
+    ),
+    **dict.fromkeys(("label", "title", "name_of_the_map"), "label"),
+    "instrument": "instrument",
+}
+"""What a protocol calls what every table may state."""
+
+_CELSIUS: Final = re.compile(r"\s*[\[(]?\s*(°\s?c|deg\s?c|celsius)\s*[\])]?", re.I)
+MOST_NAMED: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentSheets:
+    """The values of all sheets, and their header lines under the first one's columns."""
+
+    header: DelimitedText
+    values: Sequence[ComponentValue]
+    is_one_sheet: bool
+
+
+def read_component_sheets(
+    sheets: Mapping[str, str],
+    problems: Problems,
+    remarks: list[str],
+    most: int | None = None,
+    beside: Collection[str] = (),
+) -> ComponentSheets | None:
+    """Read sheets of which at least one has a column for each component; None where none has.
+
+    Parameters
+    ----------
+    problems, remarks
+        Take up what is wrong, and what is not read.
+    most
+        Lines of values that are accepted of each sheet.
+    beside
+        Columns that are read beside the components.
+    """
+    texts: dict[str, DelimitedText] = {}
+    for title, written in sheets.items():
+        problems.sheet = title if len(sheets) > 1 else ""
+        texts[title] = parse_delimited(written, problems, most, is_one_table=False)
+        if sum(len(text.headings) * len(text.rows) for text in texts.values()) > MOST_CELLS:
+            problems.add(f"expected at most {MOST_CELLS} cells in all sheets, got more")
+            problems.raise_if_any()
+    problems.sheet = ""
+    if not any(map(has_component_columns, texts.values())):
+        return None
+    values: list[ComponentValue] = []
+    comments: list[Comment] = []
+    for title, text in texts.items():
+        problems.sheet = title if len(sheets) > 1 else ""
+        tables = read_component_tables(text, remarks, beside)
+        values += tables.values
+        comments += [*text.comments, *_stated(tables.others, problems, remarks, title)]
+    problems.sheet = ""
+    return ComponentSheets(
+        replace(next(iter(texts.values())), comments=comments), values, len(texts) == 1
+    )
+
+
+def _stated(
+    others: Iterable[Row], problems: Problems, remarks: list[str], title: str
+) -> Iterable[Comment]:
+    """Read a protocol's lines as header lines; what else has numbers is refused, or named."""
+    unread: list[str] = []
+    for row in others:
+        cells = [cell for cell in row.cells if cell]
+        said = _as_comment(row.line, cells)
+        if said is not None:
+            yield said
+        elif len(cells) > 3 and any(read_number(cell) is not None for cell in cells):
+            problems.add(
+                "expected a line of column names such as Position [mm], EXX [µm] above values, "
+                f"got {list_names(cells, MOST_NAMED)}",
+                row.line,
+            )
+        else:
+            unread.append(" ".join(cells))
+    if unread:
+        of_sheet = f" in sheet {title!r}" if title else ""
+        remarks.append(
+            f"lines that are not read{of_sheet}: {list_names(map(repr, unread), MOST_NAMED)}"
+        )
+
+
+def _as_comment(line: int, cells: Sequence[str]) -> Comment | None:
+    """Read a line of a name, its value and perhaps the unit; None where it is something else."""
+    if not 2 <= len(cells) <= 3:
+        return None
+    name, *value = cells
+    plain = name.strip(" :=")
+    is_number = read_number(value[0]) is not None
+    in_name = _CELSIUS.search(plain)
+    if is_number and (in_name or _CELSIUS.fullmatch(value[-1]) or _CELSIUS.search(value[0])):
+        sensor = re.sub(r"^temperature\s+", "", _CELSIUS.sub("", plain), flags=re.I)
+        return _comment(line, f"temperature {sensor}", [value[0]])
+    known = _NAMES.get(normal_heading(plain))
+    if known == "measured_at" and not _is_moment(value[0]):
+        return None
+    if known is None and normal_heading(plain).startswith("repeatability"):
+        known = plain
+    return None if known is None else _comment(line, known, value)
+
+
+def _comment(line: int, name: str, value: Sequence[str]) -> Comment:
+    return Comment(line, f"{name}: {' '.join(value)}", [name, *value])
+
+
+def _is_moment(text: str) -> bool:
+    try:
+        datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return True
