@@ -130,21 +130,21 @@ GROWING = {
         ),
     ),
     "columns of states": (
-        lambda text: parse_csv_verification(text, FILE),
+        lambda text: parse_csv_verification({"": text}, FILE),
         lambda n: (
             "time,component,position_mm,measured_um" + "".join(f",state s{i % 7}" for i in range(n))
         ),
     ),
     "wrong in each line": (
-        lambda text: parse_csv_verification(text, FILE),
+        lambda text: parse_csv_verification({"": text}, FILE),
         lambda n: "time,component,measured_um\n" + "x,y,z\n" * n,
     ),
     "no column for it": (
-        lambda text: parse_csv_error_map(text, FILE, STATED),
+        lambda text: parse_csv_error_map({"": text}, FILE, STATED),
         lambda n: "component,error_um\n" + "".join(f"EXX,{i}\nq,1\n" for i in range(n)),
     ),
     "comments": (
-        lambda text: parse_csv_error_map(text, FILE, STATED),
+        lambda text: parse_csv_error_map({"": text}, FILE, STATED),
         lambda n: (
             "".join(f"# label {i}: a\n# temperature s{i}: 20\n" for i in range(n))
             + "component,position_mm,error_um\nEXX,0,1\nEXX,5,1\n"
