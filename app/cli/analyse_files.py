@@ -11,11 +11,13 @@ from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile
 from app.api.files.instrument_files import instrument_format
 from app.api.files.verification_check import check_verification, complain_of_fields
+from app.api.schemas.verifications import VerificationRequest
 from app.cli.contract_json import read_json
-from app.cli.import_checks import choose_machine, naming
+from app.cli.import_checks import choose_machine, naming, show_what_was_read
 from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.geometry.components import parse_component
+from app.pages.what_was_read import read_of_verification
 from thermap import FieldError, InvalidContentError, ThermapClient
 
 _VALUE: Final = "measured_"
@@ -84,6 +86,16 @@ def read_verifications(
     if complaints:
         raise UnreadableFile("\n".join(["nothing was sent:", *complaints]))
     return found
+
+
+def preview_verifications(files: Sequence[VerificationFile]) -> None:
+    """Show what was read of files that hold verifications; nothing is sent."""
+    for one in files:
+        for remark in one.remarks:
+            typer.echo(f"{one.file}: note: {remark}", err=True)
+        shape = VerificationRequest.model_validate(one.body)
+        show_what_was_read(one.file, read_of_verification(shape.to_verification()))
+        typer.echo(f"{one.file}: a preview, nothing was stored")
 
 
 def store_verifications(

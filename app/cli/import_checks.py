@@ -21,6 +21,7 @@ from thermap import NotListeningError, ThermapClient, ThermapClientError, Unknow
 if TYPE_CHECKING:
     from app.api.schemas.machines import MachineSettings
     from app.cli.models import ModelChange
+    from app.pages.what_was_read import WhatWasRead
     from thermap.answers import MachineAnswer, PreviewAnswer
 
 
@@ -142,6 +143,12 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
         echo(
             f"{file}: a preview, nothing was stored; the model version that this map makes {became}"
         )
+
+
+def show_what_was_read(file: Path, read: WhatWasRead) -> None:
+    """Say what was read of a file, before anything is made of it."""
+    for line in read.lines():
+        typer.echo(f"{file}: read {line}")
 
 
 def report_stored_map(

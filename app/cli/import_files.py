@@ -29,11 +29,13 @@ from app.cli.import_checks import (
     report_stored_map,
     settings_of_stored,
     show_preview,
+    show_what_was_read,
 )
 from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
 from app.cli.terminal import echo
 from app.errors import Conflict, counted, list_names
+from app.pages.what_was_read import read_of_map
 from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
 
 KEPT_AS: Final = ("maps", "verification", "both")
@@ -101,7 +103,7 @@ def import_files(
         typer.Option(
             "--preview",
             envvar="THERMAP_PREVIEW",
-            help="Show what tables would lose, gain and change, and store nothing.",
+            help="Show what was read, and what tables would lose, gain and change; store nothing.",
         ),
     ] = False,
     accept_losses: Annotated[
@@ -309,6 +311,7 @@ def _send(
         echo(f"{one.file}: note: {remark}", err=True)
     if mode.preview:
         for error_map in one.error_maps:
+            show_what_was_read(one.file, read_of_map(error_map.to_error_map()))
             preview = thermap.preview_error_map(one.machine, error_map)
             show_preview(one.file, preview, alone=True)
             _note_once(one.machine, preview.warnings, said)

@@ -52,17 +52,29 @@ def store_verification_files(
         ),
     ],
     machine: MachineOption = None,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            envvar="THERMAP_PREVIEW",
+            help="Show what was read of the files, and store nothing.",
+        ),
+    ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Store check measurements, each judged against the model as it comes; nothing is analysed.
 
-    Example: `thermap verifications store night-shift.csv --machine vmc`
+    Example: `thermap verifications store night-shift.csv --machine vmc --preview`
     """
-    from app.cli.analyse_files import read_verifications, store_verifications
+    from app.cli.analyse_files import preview_verifications, read_verifications, store_verifications
 
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
-        store_verifications(thermap, chosen, read_verifications(files, chosen), [])
+        read = read_verifications(files, chosen)
+        if preview:
+            preview_verifications(read)
+        else:
+            store_verifications(thermap, chosen, read, [])
 
 
 @verifications.command("list")

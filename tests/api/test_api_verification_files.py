@@ -1,6 +1,7 @@
 """Verifications from files over HTTP: stored as in JSON, refused with line and column."""
 
 import io
+import json
 
 import pytest
 from openpyxl import Workbook
@@ -105,6 +106,27 @@ async def test_measured_positions_are_no_deviations(client, sign):
     (said,) = await refused(client, NIGHT.splitlines()[0] + "\n" + rows)
     assert said.startswith("run-9.csv, line 2, measured_um: expected deviations")
     assert f"a slope of {sign} mm/mm" in said
+
+
+@pytest.mark.parametrize("name", ["night.csv", "night.json"])
+async def test_what_was_read_is_shown_before_it_is_stored(client, name):
+    content = NIGHT.replace("time,", "# datum,first\ntime,", 1)
+    if name.endswith("json"):
+        content = json.dumps(verification(label="night", datum="first"))
+    shown = await client.post(
+        "/machines/mcfv5050/loop/preview", params={"name": name}, content=content, headers=CSV
+    )
+    assert shown.status_code == 200, shown.text
+    for said in ("night", "first: each component", "not stated", "EXX", "4.31", "polyline"):
+        assert said in shown.text
+    assert (await client.get(PATH)).json() == []
+    stored = await store(client, content, name)
+    assert (stored.status_code, stored.json()["datum"]) == (201, "first")
+
+
+async def test_json_that_is_none_is_refused_as_a_file(client):
+    (said,) = await refused(client, "{", "x.json")
+    assert said.startswith("x.json: expected JSON, got none")
 
 
 async def test_other_machines_files_and_other_kinds_are_refused(client):

@@ -136,7 +136,16 @@ def test_a_check_is_stored_from_csv(chromium, shop):
 
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
-        page.locator("#file").set_input_files(csv("night shift.csv", good))
+        page.locator("#file").set_input_files(csv("night shift.csv", b"# datum;first\n" + good))
+        read = page.locator("#read")
+        expect(read).to_contain_text("night shift.csv: nothing is stored yet")
+        expect(read).to_contain_text("first: each component's first value")
+        expect(read).to_contain_text("not stated")
+        expect(read.locator("tbody tr")).to_contain_text(["EXX"])
+        expect(read.locator("svg polyline")).to_have_count(1)
+        assert barriers(page) == []
+        expect(page.locator(".checks-room tbody")).not_to_contain_text("night shift")
+        page.get_by_role("button", name="Store this check").click()
         expect(page.locator(".checks-room tbody")).to_contain_text("night shift")
         # No sensor was read at that time, so there is nothing to hold the check against.
         left = page.locator("tr", has_text="night shift").locator("[data-residuals]")
@@ -252,6 +261,7 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
         page.goto(shop.url + LOOP)
         night = {"name": "night.csv", "mimeType": "text/csv", "buffer": named}
         page.locator("#file").set_input_files(night)
+        page.get_by_role("button", name="Store this check").click()
         expect(page.locator(".checks-room tbody")).to_contain_text(label)
         run_quick_analysis(page)
         for part in (".checks-room", "#answer"):

@@ -391,6 +391,9 @@ VISIT = "time,component,position_mm,direction,measured_um\n2026-03-01T06:00:00Z,
 def test_a_verification_is_stored_without_an_analysis(thermap, client, tmp_path):
     for name in ("morning.csv", "copy.csv"):
         (tmp_path / name).write_text(VISIT, encoding="utf-8")
+    shown = thermap("verifications", "store", tmp_path / "morning.csv", "--preview", columns=300)
+    assert "zero absolute: the model's own; repeatability not stated" in shown.stdout
+    assert "a preview, nothing was stored" in shown.stdout
     first = thermap("verifications", "store", tmp_path / "morning.csv", columns=300)
     assert (first.exit_code, first.stdout) == (0, "")
     assert "verification 'morning', number 1, 1 observation" in first.stderr

@@ -252,6 +252,8 @@ def test_a_preview_says_what_would_change_and_stores_nothing(thermap, client, wr
     client.store_readings("mcfv5050", reading(START, 40.0))
     file = write("run-7.csv", CSV)
     found = thermap("import", file, "-m", "mcfv5050", "--preview")
+    assert f"{file}: read map ‘" in found.stdout
+    assert f"{file}: read EXX: " in found.stdout
     assert found.exit_code == 0
     assert "would gain maps of EXX between 30 and 34 °C of x-middle" in found.stdout
     # At 40 °C tables are held at 30 °C (EXX 50 µm at 500 mm), then at 34 °C (70 µm).

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.api.files.csv_verification import parse_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile, sheets_of
 from app.api.files.instrument_files import format_of_text
 from app.api.files.verification_check import check_verification, complain_of_fields
+from app.api.json_text import NoJsonError, RepeatedNameError, read_json
 from app.effects.observations import Verification
 from app.errors import FieldError, InvalidContent
 
@@ -39,7 +41,7 @@ class UploadedVerification:
 
 
 def read_uploaded_verification(content: bytes, name: str, machine: str) -> UploadedVerification:
-    """Read a verification from what is in a file, CSV or an Excel workbook.
+    """Read a verification from what is in a file: CSV, an Excel workbook, or a request's JSON.
 
     Parameters
     ----------
@@ -57,6 +59,9 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     """
     file = Path(Path(name).name or "file.csv")
     try:
+        if file.suffix.lower() == ".json":
+            found = check_verification(_json_of(content, file), Problems(file))
+            return UploadedVerification(file, found, (), ())
         sheets = sheets_of(content, file)
         written = format_of_text(file, next(iter(sheets.values()), ""))
         if written is not None:
@@ -73,6 +78,13 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     except UnreadableFile as error:
         raise _of_lines(error.wrong) from None
     return UploadedVerification(file, found, read.remarks, read.lines)
+
+
+def _json_of(content: bytes, file: Path) -> Any:
+    try:
+        return read_json(content)
+    except (NoJsonError, RepeatedNameError) as error:
+        raise UnreadableFile(f"{file}: expected JSON, got none: {error}") from None
 
 
 def _of_lines(lines: Sequence[str]) -> InvalidContent:

@@ -12,11 +12,13 @@ from app.api.files.uploaded_verification import (
     UploadedVerification,
     read_uploaded_verification,
 )
+from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.verifications import NOTHING_NEW, answer_to_verification
 from app.api.schemas.verifications import StoredVerificationAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import InvalidContent
+from app.pages.dashboard.loop import check_preview
 
 
 async def uploaded_verification(
@@ -42,7 +44,7 @@ def post_verification_file(
     found: Annotated[UploadedVerification, Depends(uploaded_verification)],
     response: Response,
 ) -> StoredVerificationAnswer:
-    """Store a verification from a CSV file or an Excel workbook, as `thermap analyse` reads it.
+    """Store a verification from CSV, an Excel workbook or JSON, as `thermap analyse` reads it.
 
     What is wrong in it is answered with line and column. Without a label in it the verification
     is called as the file. What of the file was not read stands in `warnings`. All else is as with
@@ -52,3 +54,18 @@ def post_verification_file(
         return answer_to_verification(context, machine, found.verification, response, found.remarks)
     except InvalidContent as error:
         raise found.refusal(error) from None
+
+
+@router.post(
+    "/machines/{machine}/loop/preview",
+    response_class=Page,
+    include_in_schema=False,
+    openapi_extra=FILE_BODY,
+)
+def post_check_preview(
+    found: Annotated[UploadedVerification, Depends(uploaded_verification)],
+) -> Page:
+    """Show what was read of a file, as a part of the page of the loop; nothing is stored."""
+    remarks = [*found.remarks, *found.verification.remarks]
+    shown = check_preview(found.verification, found.file.name, remarks)
+    return Page(shown, scripts=0, headers={"Cache-Control": "no-store"})

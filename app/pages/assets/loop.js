@@ -241,12 +241,22 @@ async function store(name, path, content) {
   }
 }
 
+// A file is shown as it was read; only then it is stored.
 on("file", "change", async () => {
   const [file] = by("file").files;
   if (!file) return;
   by("file").value = "";
-  if (file.name.toLowerCase().endsWith(".json")) await store(file.name, "verifications", await file.text());
-  else await store(file.name, `verifications/from-file?name=${encodeURIComponent(file.name.slice(-200))}`, await file.arrayBuffer());
+  const place = by("checks-said");
+  const query = `name=${encodeURIComponent(file.name.slice(-200))}`;
+  const content = await file.arrayBuffer();
+  try {
+    const part = await send("POST", `${location.pathname}/preview?${query}`, content, "*/*");
+    const page = new DOMParser().parseFromString(await part.text(), "text/html");
+    askOnce(place, "", [], "Store this check", () => store(file.name, `verifications/from-file?${query}`, content));
+    place.querySelector(".asked").prepend(document.adoptNode(page.getElementById("read")));
+  } catch (error) {
+    refused(place, `${file.name} was not stored; nothing has changed.`, error);
+  }
 });
 
 // Values that are typed in, a row each; a row without an error is none.

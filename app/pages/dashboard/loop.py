@@ -8,6 +8,7 @@ from itertools import groupby
 from statistics import median
 from typing import Any, Final
 
+from app.effects.observations import Verification
 from app.effects.registry import KINDS, kind_of
 from app.errors import capitalised, counted, list_names
 from app.geometry.components import COMPONENTS, Kind
@@ -37,6 +38,7 @@ from app.pages.report_parts.effect_names import (
 )
 from app.pages.report_parts.smallest_seen import size_range, units_of
 from app.pages.report_parts.words import chance_text, decimals_for, figure_text
+from app.pages.what_was_read import read_of_verification
 from app.services.loop import UNFINISHED, LaterVisits, LeftOfCheck, LoopView
 from app.storage.records import AnalysisStatus, StoredAnalysis, StoredVerification
 from app.units import Unit
@@ -92,6 +94,16 @@ def loop_page(view: LoopView, now: datetime) -> str:
 def left_of_check(found: LeftOfCheck) -> str:
     """Write what the active version leaves of a check, as a part of the page of the loop."""
     return render_live("dashboard/left_of_check.html", found=found)
+
+
+def check_preview(found: Verification, name: str, remarks: Sequence[str]) -> str:
+    """Write what was read of a check, as a part of the page of the loop."""
+    return render_live(
+        "dashboard/check_preview.html",
+        read=read_of_verification(found),
+        name=name,
+        remarks=remarks,
+    )
 
 
 def later_words(later: LaterVisits) -> str:

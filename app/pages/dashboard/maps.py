@@ -15,6 +15,7 @@ from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale,
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock, number, short, signed
 from app.pages.environment import render_live
+from app.pages.what_was_read import WhatWasRead, read_of_map
 from app.services.maps_view import MapsView
 from app.services.models import Preview
 from app.services.recorded_change import RecordedChanges
@@ -76,16 +77,13 @@ def upload_preview(
         where the file holds an instrument's readings.
     """
     kind = "map" if method is None else f"map by {method}"
-    when = f"{error_map.measured_at:%Y-%m-%d %H:%M} UTC"
-    about = (
-        f"{name} · {kind} ‘{error_map.label}’, {when} · {', '.join(error_map.tables)} · "
-        + ", ".join(f"{name} {number(t)} °C" for name, t in error_map.temperatures_c.items())
-    )
+    about = f"{name} · {kind} ‘{error_map.label}’"
     return _preview_page(
         preview,
         "upload",
         "Storing this map",
         about,
+        read=read_of_map(error_map),
         remarks=[*remarks, *preview.remarks],
         figures=[
             {"name": figure, "value": number(value), "unit": unit_of_field(figure) or ""}
@@ -121,6 +119,7 @@ def _preview_page(
     *,
     version: int | None = None,
     withdrawn: Mapping[str, Any] | None = None,
+    read: WhatWasRead | None = None,
     remarks: Sequence[str] = (),
     figures: Sequence[Mapping[str, str]] = (),
 ) -> str:
@@ -140,6 +139,7 @@ def _preview_page(
         changes=_changes(preview.present.changes),
         why_not=preview.present.why_not,
         waited=preview.waited_before,
+        read=read,
         remarks=[*_recorded(preview.recorded), *remarks],
         figures=figures,
     )
