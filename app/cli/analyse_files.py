@@ -92,10 +92,10 @@ def preview_verifications(files: Sequence[VerificationFile]) -> None:
     """Show what was read of files that hold verifications; nothing is sent."""
     for one in files:
         for remark in one.remarks:
-            typer.echo(f"{one.file}: note: {remark}", err=True)
+            echo(f"{one.file}: note: {remark}", err=True)
         shape = VerificationRequest.model_validate(one.body)
         show_what_was_read(one.file, read_of_verification(shape.to_verification()))
-        typer.echo(f"{one.file}: a preview, nothing was stored")
+        echo(f"{one.file}: a preview, nothing was stored")
 
 
 def store_verifications(

@@ -148,7 +148,7 @@ def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> 
 def show_what_was_read(file: Path, read: WhatWasRead) -> None:
     """Say what was read of a file, before anything is made of it."""
     for line in read.lines():
-        typer.echo(f"{file}: read {line}")
+        echo(f"{file}: read {line}")
 
 
 def report_stored_map(

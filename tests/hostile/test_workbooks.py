@@ -9,7 +9,8 @@ import pytest
 from openpyxl import Workbook, load_workbook
 
 from app.api.files import workbooks
-from app.api.files.delimited_text import LONGEST_CELL, MOST_COLUMNS, NoTable, workbook_text
+from app.api.files.delimited_text import workbook_text
+from app.api.files.table_limits import LONGEST_CELL, MOST_COLUMNS, NoTable
 from app.api.files.workbooks import read_sheets
 
 MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'

@@ -20,13 +20,13 @@ from app.api.files.component_columns import (
 from app.api.files.csv_columns import normal_heading
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import (
-    MOST_CELLS,
     Comment,
     DelimitedText,
     Problems,
     Row,
     parse_delimited,
 )
+from app.api.files.table_limits import MOST_CELLS
 from app.errors import list_names
 
 _NAMES: Final = {

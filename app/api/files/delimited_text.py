@@ -17,6 +17,8 @@ from typing import Final
 
 from app.api.files.code_pages import decoded
 from app.api.files.decimal_text import read_number
+from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, NoTable
+from app.api.files.workbooks import read_sheets as cells_of_sheets
 from app.csv_text import without_marks
 from app.errors import ThermapError, counted, list_names
 
@@ -24,12 +26,7 @@ SHOWN: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
 
 LONGEST_LINE: Final = 20_000
-LONGEST_CELL: Final = 1_000
-"""Of a line and of one of its cells [characters]: names and numbers are shorter."""
-
-MOST_COLUMNS: Final = 1_000
-MOST_CELLS: Final = 1_500_000
-"""Of a whole table: its lines by its columns, whether anything stands there or not."""
+"""Of a line [characters]."""
 
 MOST_COMMENTS: Final = 1_000
 """Comment lines of a file."""
@@ -444,10 +441,6 @@ def _evened(
     return Row(row.line, row.cells[: len(headings)])
 
 
-class NoTable(ThermapError):
-    """A workbook holds no table that could be read."""
-
-
 def workbook_sheets(content: bytes) -> dict[str, str]:
     """Write the sheets that hold something as text with tabs between the columns.
 
@@ -463,8 +456,6 @@ def workbook_sheets(content: bytes) -> dict[str, str]:
     """
     if content.startswith(OLD_WORKBOOK):
         raise NoTable("an old Excel workbook (.xls): save it as CSV or .xlsx")
-    from app.api.files.workbooks import read_sheets as cells_of_sheets
-
     return {
         title: "".join(_line(cells) for cells in rows)
         for title, rows in cells_of_sheets(content).items()

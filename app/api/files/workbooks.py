@@ -19,7 +19,7 @@ from typing import Final
 from xml.parsers import expat
 
 from app.api.files.decimal_text import LONGEST_NUMBER
-from app.api.files.delimited_text import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, NoTable
+from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, NoTable
 from app.units import SECONDS_PER_DAY
 
 MOST_UNPACKED: Final = 64 * 1024 * 1024
