@@ -29,6 +29,9 @@ def _read_unit(stated: object) -> TemperatureUnit:
 StatedUnit: TypeAlias = Annotated[TemperatureUnit, BeforeValidator(_read_unit)]
 """A unit of temperature by its name."""
 
+Factor: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)]
+"""By which a number is multiplied before it is in its unit: 0.1 of tenths of a degree."""
+
 
 @dataclass(frozen=True, slots=True)
 class Connection(Answer):

@@ -36,6 +36,8 @@ AT_ONCE: Final = 50
 NAMED: Final = 5
 """Sensors that are named where many are silent."""
 
+NO_VALUE: Final = "the sender says that it has no value (null)"
+
 MOST_HEARD: Final = 10_000
 """Sensors whose silence is noticed: topics may name any number."""
 
@@ -61,6 +63,7 @@ class MqttConnection(TellsTables):
         self._limit_s: dict[tuple[str, str], float] = {}
         self._since_s: dict[tuple[str, str], float] = {}
         self._silent: set[tuple[str, str]] = set()
+        self._absent: dict[tuple[str, str], None] = {}
         self._dropped = 0
         self._log = SparingLog()
 
@@ -92,6 +95,8 @@ class MqttConnection(TellsTables):
         if self._publisher is not None:
             said.append(self._publisher.trouble)
         if self._link is not None:
+            absent = sorted({*self._absent, *self._sparkplug.absent})
+            said += [f"{sensor} of {machine!r}: {NO_VALUE}" for machine, sensor in absent[:NAMED]]
             said += [self._silence(*one) for one in sorted(self._silent)[:NAMED]]
             if unsure := self._sparkplug.unsure():
                 said.append(f"messages of {list_names(unsure, 5)} are missing: no birth since")
@@ -154,6 +159,7 @@ class MqttConnection(TellsTables):
             self._dropped += self._link.dropped
         self._link = self._publisher = None
         self._silent.clear()
+        self._absent.clear()
         self._sparkplug.forget()
 
     async def _take_messages(self, link: Link) -> None:
@@ -191,22 +197,35 @@ class MqttConnection(TellsTables):
                 # Retained, it was published at any time before: no news, unless it says when.
                 if message.is_retained and table.time is None:
                     return []
-                return [self._offer(table, read_message(table, names, message.payload), topic)]
+                return self._offer(table, read_message(table, names, message.payload), topic)
         raise Unusable(
             "expected one of the topics of the file, got another: the session is of an earlier "
             "file, and another client_id begins a new one"
         )
 
-    def _offer(self, table: TopicTable, stated: Stated, topic: str) -> asyncio.Future[Fate]:
+    def _offer(self, table: TopicTable, stated: Stated, topic: str) -> list[asyncio.Future[Fate]]:
         for words in stated.wrong:
             self._intake.refuse(f"topic {topic!r:.200}", words)
+        self._note_absent(stated)
+        if not stated.temperatures_c and not stated.state:
+            return []
         self._last_value_at = self._context().now()
         for sensor in stated.temperatures_c:
             if (stated.machine, sensor) in self._heard_s:
                 self._heard_s[stated.machine, sensor] = monotonic()
         told = self._intake.offer(stated.machine, stated.temperatures_c, stated.time, stated.state)
         told.add_done_callback(lambda fate: self._hear(fate, table, stated))
-        return told
+        return [told]
+
+    def _note_absent(self, stated: Stated) -> None:
+        """Note whose senders say that they have no value, and whose have one again."""
+        for sensor in stated.temperatures_c:
+            self._absent.pop((stated.machine, sensor), None)
+        for sensor in stated.without:
+            if len(self._absent) < MOST_HEARD and (stated.machine, sensor) not in self._absent:
+                self._absent[stated.machine, sensor] = None
+                words = f"{sensor} of {stated.machine!r}: {NO_VALUE}"
+                self._log.warn("absent", f"MQTT {self._table.name!r}: {words}")
 
     def _hear(self, told: asyncio.Future[Fate], table: TopicTable, stated: Stated) -> None:
         """Note who was heard: only of machines and sensors that there are."""

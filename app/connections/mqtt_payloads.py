@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -60,9 +61,27 @@ class JsonPath:
             raise ValueError("expected a path as d.temps[0], got an empty one")
         return cls(text, tuple(steps))
 
+    def is_null(self, document: Any) -> bool:
+        """Whether null is there, and not only nothing.
+
+        >>> JsonPath.parse("a.b").is_null({"a": {"b": None}}), JsonPath.parse("a").is_null({})
+        (True, False)
+        """
+        *above, last = self.steps
+        place = self._walk(document, above)
+        return self.find(document) is None and (
+            last in place
+            if isinstance(place, dict)
+            else isinstance(place, list) and isinstance(last, int) and last < len(place)
+        )
+
     def find(self, document: Any) -> Any:
         """Give what is there; None where nothing is."""
-        for step in self.steps:
+        return self._walk(document, self.steps)
+
+    @staticmethod
+    def _walk(document: Any, steps: Sequence[str | int]) -> Any:
+        for step in steps:
             if isinstance(step, int):
                 is_there = isinstance(document, list) and step < len(document)
             else:

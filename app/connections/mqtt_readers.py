@@ -27,6 +27,8 @@ class Stated:
         The sender's, where it is configured.
     wrong
         What else it says that cannot be read.
+    without
+        Sensors of which it says that they have no value.
     """
 
     machine: str
@@ -34,6 +36,7 @@ class Stated:
     state: Mapping[str, float] = field(default_factory=dict)
     time: datetime | None = None
     wrong: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
 
 
 def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) -> Stated:
@@ -58,18 +61,23 @@ def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) ->
     if sensor is None:
         return _read_document(table, machine, payload)
     if table.value is None:
-        return Stated(machine, {sensor: table.unit.to_c(read_text(payload))})
+        return Stated(machine, {sensor: table.unit.to_c(table.factor * read_text(payload))})
     document = read_json(payload)
     value = number_at(document, table.value)
+    if value is None and table.value.is_null(document):
+        return Stated(machine, {}, without=(sensor,))
     if value is None:
         raise Unusable(f"expected a number at {table.value.text}, got nothing there")
-    return Stated(machine, {sensor: table.unit.to_c(value)}, time=_time(table, document))
+    return Stated(
+        machine, {sensor: table.unit.to_c(table.factor * value)}, time=_time(table, document)
+    )
 
 
 def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
     """Read several sensors; those that a document leaves out are not told of, and that is all."""
     document = read_json(payload)
     temperatures_c, state, wrong = {}, {}, []
+    without = tuple(name for name, one in table.sensors.items() if one.path.is_null(document))
     for name, place in table.sensors.items():
         try:
             value = number_at(document, place.path)
@@ -77,7 +85,7 @@ def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
             wrong.append(f"{name}: {why.detail}")
             continue
         if value is not None:
-            temperatures_c[name] = place.unit.to_c(value)
+            temperatures_c[name] = place.unit.to_c(place.factor * value)
     for name, path in table.state.items():
         try:
             value = number_at(document, path)
@@ -86,11 +94,12 @@ def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
             continue
         if value is not None:
             state[name] = value
-    if not temperatures_c and not state:
+    if not temperatures_c and not state and (wrong or not without):
         paths = [one.path.text for one in table.sensors.values()]
         paths += [one.text for one in table.state.values()]
         raise Unusable("; ".join(wrong) or f"expected a number at {list_names(paths)}, got none")
-    return Stated(machine, temperatures_c, state, _time(table, document), tuple(wrong))
+    time = _time(table, document)
+    return Stated(machine, temperatures_c, state, time, tuple(wrong), without)
 
 
 def _time(table: TopicTable, document: Any) -> datetime | None:

@@ -20,6 +20,7 @@ from pydantic import (
 from app.compensation.table_steps import SMALLEST_STEP
 from app.connections.connection import (
     ConnectionTable,
+    Factor,
     ShortName,
     StatedUnit,
     Table,
@@ -55,6 +56,7 @@ class PathTable(Table):
 
     path: Path_
     unit: StatedUnit = TemperatureUnit.CELSIUS
+    factor: Factor = 1.0
 
 
 class MetricTable(Table):
@@ -62,6 +64,7 @@ class MetricTable(Table):
 
     metric: Annotated[str, Field(min_length=1, max_length=500)]
     unit: StatedUnit = TemperatureUnit.CELSIUS
+    factor: Factor = 1.0
 
 
 Paths: TypeAlias = Annotated[dict[str, PathTable], each("path")]
@@ -75,6 +78,7 @@ class TopicTable(Table):
     machine: ShortName | None = None
     sensor: ShortName | None = None
     unit: StatedUnit = TemperatureUnit.CELSIUS
+    factor: Factor = 1.0
     value: Path_ | None = None
     sensors: Paths = Field(default_factory=dict)
     state: dict[str, Path_] = Field(default_factory=dict)
@@ -96,9 +100,10 @@ class TopicTable(Table):
                 "expected one of `sensor`, {sensor} and `sensors` (with `state`), got "
                 + ("none" if not any(ways) else "more than one")
             )
-        if ways[2] and (self.value is not None or "unit" in self.model_fields_set):
+        if ways[2] and self.model_fields_set & {"value", "unit", "factor"}:
             raise ValueError(
-                "expected a path and a unit for each of `sensors`, got `value` or `unit`"
+                "expected a path, a unit and a factor for each of `sensors`, got `value`, `unit` "
+                "or `factor`"
             )
         if self.time is not None and self.value is None and not ways[2]:
             raise ValueError("expected `value` or `sensors` with `time`, got plain numbers")

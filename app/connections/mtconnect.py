@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
+from typing import Final
 
 import httpx
 
@@ -16,12 +17,18 @@ from app.connections.mtconnect_documents import (
     DataItem,
     NotMtconnect,
     Observation,
+    Streams,
 )
 from app.connections.mtconnect_sequence import Place
 from app.connections.sparing_log import SparingLog
+from app.errors import counted
 from app.units import TemperatureUnit
 
 log = logging.getLogger("thermap")
+
+
+SHOWN: Final = 5
+"""Sensors whose trouble is put in words; of the others only how many they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +41,14 @@ class Followed:
         Its id, or its name where only one item has it.
     unit
         Of a temperature; None: what the agent says, or °C. States are taken as they are.
+    factor
+        By which a temperature is multiplied before it is in its unit.
     """
 
     item: str
     is_temperature: bool = True
     unit: TemperatureUnit | None = None
+    factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +80,26 @@ class AgentFollower:
     take: Callable[[Sequence[Found]], None]
     every_s: float = 1.0
     is_streamed: bool = False
-    trouble: str = ""
     unreadable: int = 0
     is_connected: bool = False
     place: Place = field(init=False)
+    _trouble: str = ""
+    _matters: dict[str, str] = field(default_factory=dict)
     _units: dict[str, TemperatureUnit] = field(default_factory=dict)
     _items: dict[str, str] = field(default_factory=dict)
     _log: SparingLog = field(default_factory=SparingLog)
 
     def __post_init__(self) -> None:
         self.place = Place(say=lambda words: log.warning("MTConnect: %s", words))
+
+    @property
+    def trouble(self) -> str:
+        """What is the matter: with the agent, then with what is followed; empty where nothing."""
+        matters = [f"{name}: {words}" if name else words for name, words in self._matters.items()]
+        shown = matters[:SHOWN]
+        if len(matters) > SHOWN:
+            shown.append(f"and {counted(len(matters) - SHOWN, 'other')}")
+        return "; ".join([*([self._trouble] if self._trouble else []), *shown])
 
     @property
     def readable(self) -> set[str]:
@@ -106,7 +126,10 @@ class AgentFollower:
     async def _begin(self) -> None:
         """Find the data items and what holds now."""
         self._find(await self.agent.probe())
-        self._take(self.place.take_current(await self.agent.current()))
+        self._begin_at(await self.agent.current())
+
+    def _begin_at(self, streams: Streams) -> None:
+        self._take(streams, self.place.take_current(streams))
 
     async def _go_on(self) -> None:
         """Follow the sequence; after a restart of the agent its items are found anew."""
@@ -124,19 +147,19 @@ class AgentFollower:
             if not why.is_out_of_range:
                 raise
             self.place.leave()
-            self._take(self.place.take_current(await self.agent.current()))
+            self._begin_at(await self.agent.current())
             await asyncio.sleep(self.every_s)
 
     async def _poll(self, since: int) -> None:
         streams = await self.agent.sample(since)
-        self._take(self.place.take_sample(streams))
+        self._take(streams, self.place.take_sample(streams))
         if len(streams.observations) < self.agent.most_at_once or self.place.next_sequence is None:
             await asyncio.sleep(self.every_s)
 
     async def _stream(self, since: int) -> None:
         async with aclosing(self.agent.stream(since, self.every_s)) as documents:
             async for streams in documents:
-                self._take(self.place.take_sample(streams))
+                self._take(streams, self.place.take_sample(streams))
                 if self.place.next_sequence is None:
                     return
         # The agent ended it, or does not stream: this is then polling.
@@ -170,12 +193,18 @@ class AgentFollower:
             self._items[name] = found[0].item
             if wanted.is_temperature:
                 self._units[name] = wanted.unit or TemperatureUnit(stated)
-        self.trouble = ""
-        if matters:
-            self._say("; ".join(matters))
+        self._matters = {}
+        self._say("; ".join(matters))
 
-    def _take(self, observations: Sequence[Observation]) -> None:
+    def _take(self, streams: Streams, observations: Sequence[Observation]) -> None:
         """Hand on what is followed; what cannot be read is missing, and counted."""
+        if streams.unnumbered:
+            self._matters[""] = (
+                f"{counted(streams.unnumbered, 'observation')} of the agent had no sequence "
+                "number, without which new ones cannot be told from old ones: not read"
+            )
+        elif observations:
+            self._matters.pop("", None)
         names: dict[str, list[str]] = {}
         for name, item in self._items.items():
             names.setdefault(item, []).append(name)
@@ -188,15 +217,16 @@ class AgentFollower:
             self.take(found)
 
     def _value_of(self, name: str, observation: Observation) -> float | None:
-        if observation.value is None and not observation.is_unavailable:
-            self.unreadable += 1
-            self.trouble = f"{name}: expected a number, got {observation.text!r}"
-            self._log.warn(name, f"MTConnect: {self.trouble}")
-        if observation.value is None or not self.followed[name].is_temperature:
-            return observation.value
-        return self._units[name].to_c(observation.value)
+        followed, value = self.followed[name], observation.value
+        if value is None:
+            self.unreadable += not observation.is_unavailable
+            self._matters[name] = words = observation.words
+            self._log.warn(name, f"MTConnect: {name}: {words}")
+            return None
+        self._matters.pop(name, None)
+        return self._units[name].to_c(followed.factor * value) if followed.is_temperature else value
 
     def _say(self, words: str) -> None:
-        if words != self.trouble:
+        if words and words != self._trouble:
             log.warning("MTConnect: %s", words)
-        self.trouble = words
+        self._trouble = words

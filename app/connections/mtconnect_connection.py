@@ -13,6 +13,7 @@ from pydantic import Field
 from app.connections.connection import (
     Connection,
     ConnectionTable,
+    Factor,
     ShortName,
     StatedUnit,
     Table,
@@ -33,6 +34,7 @@ class ItemTable(Table):
 
     item: Annotated[str, Field(min_length=1, max_length=200)]
     unit: StatedUnit | None = None
+    factor: Factor = 1.0
 
 
 class MtconnectTable(ConnectionTable):
@@ -68,7 +70,9 @@ class AgentConnection:
         from app.connections.mtconnect_agent import Agent
 
         table = self._table
-        followed = {name: Followed(i.item, True, i.unit) for name, i in table.sensors.items()}
+        followed = {
+            name: Followed(i.item, True, i.unit, i.factor) for name, i in table.sensors.items()
+        }
         followed |= {name: Followed(i.item, False) for name, i in table.state.items()}
         async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
             agent = Agent(http, table.url)

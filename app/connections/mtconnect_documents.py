@@ -72,6 +72,16 @@ class Observation:
     sequence: int
     text: str
     value: float | None
+    keys: str | None = None
+
+    @property
+    def words(self) -> str:
+        """Say why there is no value."""
+        if self.is_unavailable:
+            return f"the agent says that it has no value ({UNAVAILABLE})"
+        if self.keys is not None:
+            return f"expected a number, got a data set or table with the keys {self.keys}"
+        return f"expected a number, got {self.text!r}"
 
     @property
     def is_unavailable(self) -> bool:
@@ -86,6 +96,7 @@ class Streams:
     `instance_id` changes when an agent begins to count sequences anew; `first_sequence` is the
     oldest that its buffer still has, `next_sequence` where to go on. `buffer_size` is how many
     observations it keeps, and so the most that it gives at once; None where it does not say.
+    `unnumbered` observations had no sequence, and were left out.
     """
 
     instance_id: int
@@ -93,6 +104,7 @@ class Streams:
     next_sequence: int
     observations: Sequence[Observation]
     buffer_size: int | None = None
+    unnumbered: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +137,7 @@ def read_streams(content: bytes) -> Streams:
         next_sequence=_whole(header, "nextSequence"),
         observations=known,
         buffer_size=_whole(header, "bufferSize") if header.get("bufferSize") else None,
+        unnumbered=len(found) - len(known),
     )
 
 
@@ -196,12 +209,14 @@ def _observation(element: Element) -> Observation | None:
     if not (sequence.isascii() and sequence.isdigit() and len(sequence) <= 20):
         return None
     text = (element.text or "").strip()
+    keys = [one.attrib.get("key", "") for one in element if _local(one) == "Entry"]
     return Observation(
         item=element.attrib["dataItemId"],
         name=element.attrib.get("name", ""),
         sequence=int(sequence),
         text=text[:SHOWN],
         value=_number_of(text),
+        keys=list_names(keys, CODES) if keys else None,
     )
 
 

@@ -71,11 +71,14 @@ class Followed:
     unit
         Of a temperature; None: what the server states of the node, or °C. States are taken as
         they are.
+    factor
+        By which a temperature is multiplied before it is in its unit.
     """
 
     node: str
     is_temperature: bool = True
     unit: TemperatureUnit | None = None
+    factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,7 +332,7 @@ class ServerFollower:
         self._matters.pop(name, None)
         value = observed.value
         if self._followed[name].is_temperature:
-            value = self._units[name].to_c(value)
+            value = self._units[name].to_c(self._followed[name].factor * value)
         if time is not None and not self._is_usable(name, time):
             time = None
         return Found(name, value, time)

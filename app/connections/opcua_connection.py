@@ -12,6 +12,7 @@ from pydantic import Field
 from app.connections.connection import (
     Connection,
     ConnectionTable,
+    Factor,
     ShortName,
     StatedUnit,
     Table,
@@ -38,6 +39,7 @@ class NodeTable(Table):
 
     node: Annotated[str, Field(pattern=_NODE, max_length=500)]
     unit: StatedUnit | None = None
+    factor: Factor = 1.0
 
 
 class StateNodeTable(Table):
@@ -98,7 +100,9 @@ class ServerConnection:
         from app.connections.opcua_client import Followed, ServerFollower
 
         table = self._table
-        followed = {name: Followed(i.node, True, i.unit) for name, i in table.sensors.items()}
+        followed = {
+            name: Followed(i.node, True, i.unit, i.factor) for name, i in table.sensors.items()
+        }
         followed |= {name: Followed(i.node, False) for name, i in table.state.items()}
         if self._follower is None:
             self._follower = ServerFollower(

@@ -23,6 +23,8 @@ class SparkplugFollower:
     def __init__(self, tables: Sequence[SparkplugTable], intake: TakesValues) -> None:
         self._intake = intake
         self._nodes = Nodes({Place(one.group, one.node, one.device) for one in tables})
+        self.absent: set[tuple[str, str]] = set()
+        """Machines and sensors of which a node says that they have no value."""
         self._asked_s: dict[tuple[str, str], float] = {}
         self._followed = [
             (one, KnownValues(intake, one.machine, one.sensors, one.state), _names(one))
@@ -45,6 +47,7 @@ class SparkplugFollower:
 
     def forget(self) -> None:
         """Know nothing any more: contact was lost."""
+        self.absent.clear()
         self._nodes.forget()
         for _, known, _ in self._followed:
             known.forget()
@@ -61,6 +64,12 @@ class SparkplugFollower:
             for table, known, names in self._followed:
                 told += self._apply(heard, table, known, names)
         return told
+
+    def _note_absent(self, table: SparkplugTable, name: str, value: float | None) -> None:
+        if value is None and name in table.sensors:
+            self.absent.add((table.machine, name))
+        else:
+            self.absent.discard((table.machine, name))
 
     def unsure(self) -> list[str]:
         """Name the nodes of which a birth is missing."""
@@ -100,6 +109,7 @@ class SparkplugFollower:
                 value = _value(table, name, metric)
                 if not metric.is_historical:
                     now[name] = value
+                    self._note_absent(table, name, value)
                 elif value is not None and name in table.sensors and metric.time is not None:
                     told.append(self._intake.offer(table.machine, {name: value}, metric.time))
         future = known.take(now)
@@ -119,4 +129,5 @@ def _names(table: SparkplugTable) -> Mapping[str, Sequence[str]]:
 def _value(table: SparkplugTable, name: str, metric: Metric) -> float | None:
     if metric.value is None or name not in table.sensors:
         return metric.value
-    return table.sensors[name].unit.to_c(metric.value)
+    sensor = table.sensors[name]
+    return sensor.unit.to_c(sensor.factor * metric.value)
