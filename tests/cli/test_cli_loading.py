@@ -46,7 +46,10 @@ def test_the_version_needs_nothing():
     said, modules = loaded("--version")
     assert said == f"thermap {__version__}\n"
     assert not modules & HEAVY
-    assert not {name for name in modules if name.startswith("app.cli.")} - {"app.cli.application"}
+    assert not {name for name in modules if name.startswith("app.cli.")} - {
+        "app.cli.application",
+        "app.cli.terminal",
+    }
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from app.connections.mtconnect_documents import AgentRefused, NotMtconnect, read
 from app.connections.sparkplug_nodes import Nodes, Place
 from app.connections.sparkplug_payload import _PAYLOAD
 from tests.connections.mtconnect_agent_example import BOMB, NEW_ERROR, OLD_ERROR, PROBE, STREAMS
+from tests.hostile.mutations import mutated
 
 PIECES = [
     *(b"0001-01-01T00:00:00+01:00", b"9999-12-31T23:59:59-01:00", b"null", b"NaN", b"1e999"),
@@ -22,25 +23,6 @@ PIECES = [
     *(b"\r\n", b"\n\r\n", b"--", b"&a;", b"<!DOCTYPE x>", b"<Header/>", b"<?x?>", b"<!-- -->"),
     *(b"9" * 30, b"UNAVAILABLE", b'"', b"true", b"1.5e-5", b"Content-length: -1"),
 ]
-
-
-def mutated(random_, samples):
-    content = bytearray(random_.choice(samples))
-    for _ in range(random_.choice([0, 1, 1, 2, 4, 10])):
-        at, kind = random_.randint(0, len(content)), random_.random()
-        if kind < 0.3:
-            content[at : at + random_.randint(0, 8)] = random_.choice(PIECES)
-        elif kind < 0.5:
-            content[at : at + 1] = random_.randbytes(1)
-        elif kind < 0.7:
-            del content[at : at + random_.randint(1, 30)]
-        elif kind < 0.85:
-            other = random_.choice(samples)
-            begin = random_.randint(0, len(other))
-            content[at:at] = other[begin : begin + random_.randint(1, 60)]
-        else:
-            content[at:at] = content[at : at + random_.randint(1, 60)] * random_.randint(1, 20)
-    return bytes(content)
 
 
 def expect_short(refusals):
@@ -74,7 +56,7 @@ def test_payloads_of_ordinary_topics(hostile_inputs):
     for _ in range(hostile_inputs):
         table = random_.choice(TOPICS)
         try:
-            stated = read_message(table, {}, mutated(random_, DOCUMENTS))
+            stated = read_message(table, {}, mutated(random_, DOCUMENTS, PIECES))
         except Unusable as why:
             refusals.append(why.detail)
         else:
@@ -105,7 +87,7 @@ def test_payloads_of_sparkplug(hostile_inputs):
     for _ in range(hostile_inputs):
         kind = random_.choice([*kinds, "", "X/n", "NDATA/n/d/e", "STATE/n"])
         try:
-            heard += len(list(nodes.hear(f"spBv1.0/g/{kind}", mutated(random_, samples))))
+            heard += len(list(nodes.hear(f"spBv1.0/g/{kind}", mutated(random_, samples, PIECES))))
         except Unusable as why:
             refusals.append(why.detail)
     assert heard > 0
@@ -136,7 +118,7 @@ AGENT = [
 def test_documents_of_an_agent(hostile_inputs):
     random_, refusals, read = random.Random(28), [], 0
     for _ in range(hostile_inputs):
-        content = mutated(random_, AGENT)
+        content = mutated(random_, AGENT, PIECES)
         for reader in (read_streams, read_probe):
             try:
                 reader(content)
@@ -161,7 +143,7 @@ def test_parts_of_a_stream(hostile_inputs):
     random_, refusals, documents = random.Random(28), [], 0
     for _ in range(hostile_inputs):
         parts = Parts("b")
-        content = b"".join(mutated(random_, HEADS) for _ in range(random_.randint(1, 6)))
+        content = b"".join(mutated(random_, HEADS, PIECES) for _ in range(random_.randint(1, 6)))
         try:
             while content:
                 length = random_.randint(1, len(content))
