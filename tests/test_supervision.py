@@ -212,7 +212,6 @@ def test_the_late_judge_goes_on(monkeypatch, new_app, databases):
 SUPERVISED = {"keep_running", "_while_contact"}
 
 OF_THEIR_OWN = {
-    "api/access.py": "asks once, and is asked again by the next request",
     "api/streams.py": "begun again by the next who follows; a look that raises is said",
     "api/turns.py": "one question, whose askers get what it raises",
     "services/handed_analyses.py": "its thread begins it all anew",
