@@ -471,7 +471,7 @@ def test_thirty_sensors_fit_and_the_sick_ones_stand_first(chromium, shop):
         expect(page.locator("#connection")).to_have_text("Live")
         expect(page.locator(".sensor b").first).to_have_text("zone 17")
         idle = page.locator("#idle")
-        expect(idle.locator("summary")).to_contain_text("sensors that drive nothing, all well")
+        expect(idle.locator("summary")).to_contain_text("sensors that are not used, all well")
         high = page.locator("#temperatures").bounding_box()["height"]
         assert high < 768
         idle.locator("summary").click()

@@ -62,7 +62,7 @@ def test_whether_machines_can_be_trusted(thermap, client):
     shown = lines(thermap("status", "mcfv5050"))
     assert shown[:2] == ["Not trusted · no-reading since 2026-03-01 06:00 UTC", why]
     assert "largest compensation EZZ −40.0 µm at Z 500" in shown
-    assert "watch: not-judged" in shown
+    assert "last check: none of this version" in shown
     assert answered(thermap("status", "mcfv5050", "--json"))["sentences"] == [why]
     assert "mill" in thermap("status", "another").output
 
