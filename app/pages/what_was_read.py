@@ -131,7 +131,9 @@ class WhatWasRead:
 
 def read_of_map(error_map: ErrorMap) -> WhatWasRead:
     """Say what was read of an error map."""
-    temperatures = (f"{name} {t:g} °C" for name, t in error_map.temperatures_c.items())
+    temperatures = (
+        f"{name} {figure_text(t, DECIMALS)} °C" for name, t in error_map.temperatures_c.items()
+    )
     components = []
     for code, table in error_map.tables.items():
         at = table.positions_mm.tolist() or [0.0]

@@ -36,7 +36,7 @@ def the_check(observations, **head):
 
 def test_a_map():
     assert list(the_map().lines()) == [
-        "map ‘cold’; measured 2026-03-01 06:00:00 UTC; temperatures bed 20.5 °C, column 21 °C; "
+        "map ‘cold’; measured 2026-03-01 06:00:00 UTC; temperatures bed 20.50 °C, column 21.00 °C; "
         "repeatability not stated; instrument not stated",
         "EXX: −1.25 to 3.00 µm over −100 to 300 mm, 6 values, +, −",
         "SXY: −12.10 µm/m, 1 value",

@@ -19,11 +19,11 @@ _COMMON: Final = {"gb18030": ("gb2312", 0xB0, 0xD7), "cp932": ("shift_jis", 0x88
 """Code page to the one of its common signs, and the first bytes of the most frequent ones."""
 
 _FEWEST_COMMON: Final = 0.8
-_KANA: Final = re.compile("[\u3041-\u30fe]")
-_IDEOGRAPH: Final = re.compile(
-    "[\u3041-\u30fe\u3400-\u9fff\uac00-\ud7af\uff66-\uff9f\ue000-\uf8ff]"
-)
-_INSIDE_A_WORD: Final = re.compile("[A-Za-z][\u3400-\u9fff][A-Za-z]")
+_KANA: Final = range(0x3041, 0x30FF)
+_IDEOGRAPHS: Final = range(0x3400, 0xA000)
+_OTHERS: Final = (range(0xAC00, 0xD7B0), range(0xFF66, 0xFFA0), range(0xE000, 0xF900))
+"""Hangul, narrow kana, and signs of private use."""
+
 _NO_WORD: Final = re.compile("[\u0080-\u00ff\u0152-\u0192]{4,}")
 
 
@@ -55,15 +55,30 @@ def decoded(content: bytes) -> str:
 
 
 def _is_likely(text: str, page: str) -> bool:
-    signs = _IDEOGRAPH.findall(text)
+    signs = [sign for sign in text if _is_sign(sign)]
     common = [sign for sign in signs if _is_common(sign, page)]
+    return len(common) >= max(_FEWEST_COMMON * len(signs), 1) and not any(
+        _is_inside_a_word(*three) for three in zip(text, text[1:], text[2:], strict=False)
+    )
+
+
+def _is_sign(letter: str) -> bool:
+    return any(ord(letter) in letters for letters in (_KANA, _IDEOGRAPHS, *_OTHERS))
+
+
+def _is_inside_a_word(before: str, letter: str, after: str) -> bool:
+    """Whether a sign stands alone between letters of ours, where no such language has it."""
     return (
-        len(common) >= max(_FEWEST_COMMON * len(signs), 1) and _INSIDE_A_WORD.search(text) is None
+        ord(letter) in _IDEOGRAPHS
+        and before.isascii()
+        and before.isalpha()
+        and after.isascii()
+        and after.isalpha()
     )
 
 
 def _is_common(sign: str, page: str) -> bool:
-    if _KANA.match(sign):
+    if ord(sign) in _KANA:
         return page == "cp932"
     name, first, last = _COMMON[page]
     try:

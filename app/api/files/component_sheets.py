@@ -6,7 +6,6 @@ which temperatures (`Bed front; 18,1; °C`). Its sheets make one map, or one che
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -18,6 +17,7 @@ from app.api.files.component_columns import (
     read_component_tables,
 )
 from app.api.files.csv_columns import normal_heading
+from app.api.files.csv_comments import CELSIUS, without_unit
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import (
     Comment,
@@ -38,7 +38,6 @@ _NAMES: Final = {
 }
 """What a protocol calls what every table may state."""
 
-_CELSIUS: Final = re.compile(r"\s*[\[(]?\s*(°\s?c|deg\s?c|celsius)\s*[\])]?", re.I)
 MOST_NAMED: Final = 8
 
 
@@ -123,17 +122,21 @@ def _as_comment(line: int, cells: Sequence[str]) -> Comment | None:
         return None
     name, *value = cells
     plain = name.strip(" :=")
-    is_number = read_number(value[0]) is not None
-    in_name = _CELSIUS.search(plain)
-    if is_number and (in_name or _CELSIUS.fullmatch(value[-1]) or _CELSIUS.search(value[0])):
-        sensor = re.sub(r"^temperature\s+", "", _CELSIUS.sub("", plain), flags=re.I)
-        return _comment(line, f"temperature {sensor}", [value[0]])
     known = _NAMES.get(normal_heading(plain))
-    if known == "measured_at" and not _is_moment(value[0]):
-        return None
     if known is None and normal_heading(plain).startswith("repeatability"):
         known = plain
-    return None if known is None else _comment(line, known, value)
+    if known is not None:
+        is_time = known != "measured_at" or _is_moment(value[0])
+        return _comment(line, known, value) if is_time else None
+    sensor, number = (without_unit(text, CELSIUS) for text in (plain, value[0]))
+    has_unit = (sensor, number) != (plain, value[0])
+    if read_number(number) is None or not (has_unit or _is_celsius(value[-1])):
+        return None
+    return _comment(line, f"temperature {sensor.removeprefix('temperature ')}", [number])
+
+
+def _is_celsius(cell: str) -> bool:
+    return cell.strip("[]() ").lower() in CELSIUS
 
 
 def _comment(line: int, name: str, value: Sequence[str]) -> Comment:

@@ -21,7 +21,9 @@ _WORDS: Final = ("label", "machine", "instrument", "measured_at")
 
 _TEMPERATURE: Final = re.compile(r"(?:temperature|temperature_c)\s+(?P<sensor>\S.*)", re.I)
 _REPEATABILITY: Final = Named("repeatability", LENGTH)
-_CELSIUS: Final = re.compile(r"\s*(°\s?c|deg\s?c|celsius|c)", re.I)
+CELSIUS: Final = ("°c", "° c", "degc", "deg c", "celsius")
+"""How people write the unit of temperatures."""
+
 
 _OF_A_MAP: Final = {
     "label": ("a label", "# label: Run #1", "--label"),
@@ -36,9 +38,6 @@ _OF_A_MAP: Final = {
 
 MOST_FREE: Final = 5
 """Comment lines of free text that are named as not read."""
-
-_UNIT: Final = re.compile(r"(?<=[\d.,\s])[a-zA-Zµμ°″%][^\d]*$")
-"""A unit behind a number."""
 
 _SEPARATOR: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 
@@ -229,7 +228,7 @@ def _read_fact(
         empty[of_sensor["sensor"]] = line
     elif of_sensor:
         sensor = of_sensor["sensor"]
-        number = read_number(_CELSIUS.sub("", value))
+        number = read_number(without_unit(value, (*CELSIUS, "c")))
         if number is None:
             problems.add(f"expected the temperature of {sensor} in °C, got {value!r}", line)
         else:
@@ -312,13 +311,22 @@ def _without_unit(thing: Named, key: str, value: str) -> tuple[str, str]:
     ('0.5', 'um')
     """
     unit = thing.unit_in(key) or ""
-    stated = _UNIT.search(value)
-    if stated is None:
-        return value, unit
-    behind = normal_heading(stated[0])
-    if unit in ("", behind):
-        return value[: stated.start()].rstrip(), behind
+    digits = max((i for i, letter in enumerate(value, start=1) if letter.isdigit()), default=0)
+    behind = normal_heading(value[digits:].strip(" .,;"))
+    if digits and behind and unit in ("", behind):
+        return value[:digits], behind
     return value, unit
+
+
+def without_unit(text: str, units: Sequence[str]) -> str:
+    """Take one of some units off the end of a text, and brackets around it.
+
+    >>> without_unit("20.1 °C", CELSIUS), without_unit("Bed [°C]", CELSIUS)
+    ('20.1', 'Bed')
+    """
+    bare = text.rstrip(" ])")
+    of_text = next((unit for unit in units if bare.lower().endswith(unit)), None)
+    return text if of_text is None else bare[: -len(of_text)].rstrip(" [(")
 
 
 def _parts(value: str, count: int) -> list[str]:
