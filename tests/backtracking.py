@@ -8,6 +8,7 @@ import re
 import string
 import sys
 from contextlib import contextmanager
+from itertools import product
 from re import _constants as op
 from re import _parser
 
@@ -203,8 +204,8 @@ def _shortest(matcher, kind, value):
         return min((sentence(matcher, way) for way in value[1]), key=len)
     if kind in (op.AT, op.ASSERT, op.ASSERT_NOT):
         return ""
-    taken = (c for c in string.printable + "°µ" if matcher._takes(kind, value, c))
-    return next(taken)
+    letters = [*string.printable, *letters_of([(kind, value)])]
+    return next(letter for letter in letters if matcher._takes(kind, value, letter))
 
 
 def pumps(matcher, items, before=""):
@@ -249,9 +250,15 @@ def quadratic_text(pattern, method):
     with deep_calls():
         for lead in leads:
             for body in bodies:
-                for end in ("", "\0", "\n", " \0"):
+                for end in ("", "\0", "\n", " \0", "5"):
                     if _grows(matcher, method, lead, body, end):
                         return f"{lead!r} + n × {body!r} + {end!r}"
+        # Where a match may begin anywhere, it may begin behind another letter each time.
+        pairs = product(letters, letters) if method not in ("match", "fullmatch") else ()
+        for body in map("".join, pairs):
+            for end in ("\0", "5"):
+                if _grows(matcher, method, "", body, end):
+                    return f"n × {body!r} + {end!r}"
     return None
 
 

@@ -116,6 +116,7 @@ def test_pydantic_matches_with_an_engine_of_linear_time():
         (r"(a|b)*c|(a|ab)*d", "search"),
         (r"(?:x+)+y", "match"),
         (r"\s+$", "search"),
+        (r"(?<=[\d.,\s])[a-zA-Z][^\d]*$", "search"),
     ],
 )
 def test_quadratic_patterns_are_recognised(pattern, method):
