@@ -194,6 +194,15 @@ def test_a_header_in_cells_of_its_own_is_read(tmp_path, kind, way):
     assert read(file) == expected
 
 
+@pytest.mark.parametrize("mark", [";", "\t", " = ", ": ", ",", " : "])
+def test_a_header_may_be_parted_otherwise_than_the_table(tmp_path, mark):
+    file = tmp_path / "run.csv"
+    rows = as_text(READERS["verification"][0][1:], ",", ".")
+    file.write_text(f"# datum{mark}first\n{rows}", encoding="utf-8")
+    found = read_csv_verification(file)
+    assert (found.body["datum"], found.remarks) == ("first", [])
+
+
 @pytest.mark.parametrize("line", ["# zero;first", "# datum first", "# zero: first", "# my notes"])
 def test_no_header_line_is_passed_over_without_a_word(tmp_path, line):
     rows = READERS["verification"][0][1:]

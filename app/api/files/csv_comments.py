@@ -21,6 +21,9 @@ _WORDS: Final = ("label", "machine", "instrument", "measured_at")
 
 _TEMPERATURE: Final = re.compile(r"(?:temperature|temperature_c)\s+(?P<sensor>\S.*)", re.I)
 _REPEATABILITY: Final = Named("repeatability", LENGTH)
+_MARKS: Final = ":=;\t,"
+"""Behind the name of what is stated; those of cells too, whatever parts the table's columns."""
+
 CELSIUS: Final = ("°c", "° c", "degc", "deg c", "celsius")
 """How people write the unit of temperatures."""
 
@@ -174,12 +177,12 @@ def read_comments(
 
 
 def _name_and_value(comment: Comment, known: Sequence[Statement]) -> tuple[str, str] | None:
-    """Part what a line states from its value: where the next cell begins, at a colon, or at =.
+    """Part what a line states from its value: where the next cell begins, or at a mark.
 
     Of these the first whose name is known; None where a line states nothing, as free text does.
     """
     first, *others = comment.cells or [""]
-    ways = [_parted(comment.text, mark) for mark in ":=" if mark in comment.text]
+    ways = [_parted(comment.text, mark) for mark in _MARKS if mark in comment.text]
     if others:
         cells = (first, " ".join(others))
         if first.lower() in ("temperature", "temperature_c"):
