@@ -69,7 +69,7 @@ class Shop:
     """A service and its clock."""
 
     def __init__(self, url, clock, service):
-        self.clock, self.service = clock, service
+        self.url, self.clock, self.service = url, clock, service
         self._client = httpx.Client(base_url=url, trust_env=False, timeout=60.0)
 
     def __call__(self, method, path, **stated):

@@ -3,6 +3,14 @@
 import contextlib
 import socket
 import threading
+from enum import Enum
+
+
+class Deaf(Enum):
+    """What becomes of connections on which PostgreSQL tells news."""
+
+    CUT = "cut"
+    SILENT = "silent"
 
 
 class TcpProxy:
@@ -13,6 +21,8 @@ class TcpProxy:
         self._listener = self._listen(0)
         self.port = self._listener.getsockname()[1]
         self._ends = set()
+        self._listening = set()
+        self._deaf = None
         self._lock = threading.Lock()
         self._passing = threading.Event()
         self._passing.set()
@@ -38,6 +48,20 @@ class TcpProxy:
     def thaw(self):
         """Pass on what has come, and what comes."""
         self._passing.set()
+
+    @property
+    def is_listened_through(self):
+        """Whether somebody has asked for news; to be seen, without TLS."""
+        return bool(self._listening)
+
+    def deafen(self, deaf):
+        """Let no news through, and nothing else on their connections, old and new ones."""
+        with self._lock:
+            self._deaf, listening = deaf, set(self._listening)
+        if deaf is Deaf.CUT:
+            for end in listening:
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
 
     def mend(self):
         """Take connections again, on the same port."""
@@ -70,10 +94,21 @@ class TcpProxy:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
                 self._passing.wait()
+                if self._is_deaf(source, sink, data):
+                    if self._deaf is Deaf.CUT:
+                        break
+                    continue
                 sink.sendall(data)
         for end in (source, sink):
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
             with self._lock:
                 self._ends.discard(end)
+                self._listening.discard(end)
             end.close()
+
+    def _is_deaf(self, source, sink, data):
+        with self._lock:
+            if b"LISTEN " in data:
+                self._listening |= {source, sink}
+            return self._deaf is not None and source in self._listening
