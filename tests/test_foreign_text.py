@@ -3,19 +3,13 @@
 import io
 import json
 import logging
-import threading
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
 from app.cli.logs import _Json, _Text
 from app.errors import InvalidContent, ThermapError
 from app.foreign_text import shown, without_secrets
-from app.hal.component import Service
 from app.storage.database import Database
-from thermap import ThermapClient
-from thermap.errors import ThermapClientError
 
 URLS = [
     "http://me:s3cret@10.0.0.5:5000/probe",
@@ -100,59 +94,3 @@ def test_a_password_among_a_urls_options_is_not_shown(option):
         session.connection()
     assert "s3cret" not in away.value.detail
     database.close()
-
-
-@contextmanager
-def listening(answer):
-    """A server that notes what it is sent, and answers as it is told to."""
-    heard = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            heard.append(self.headers.get("Authorization"))
-            answer(self)
-
-        do_POST = do_GET  # noqa: N815
-
-        def log_message(self, *_said):
-            pass
-
-    server = HTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}", heard
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-
-def empty(handler):
-    handler.send_response(200)
-    handler.send_header("Content-Length", "2")
-    handler.end_headers()
-    handler.wfile.write(b"{}")
-
-
-@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
-def test_no_client_takes_its_key_to_where_it_is_redirected(status, monkeypatch):
-    monkeypatch.setenv("THERMAP_KEY", "tm_key")
-    with listening(empty) as (elsewhere, heard_elsewhere):
-
-        def redirect(handler):
-            handler.send_response(status)
-            handler.send_header("Location", f"{elsewhere}{handler.path}")
-            handler.send_header("Content-Length", "0")
-            handler.end_headers()
-
-        with listening(redirect) as (url, heard):
-            component = Service(url, "vmc", 20.0)
-            with pytest.raises(ValueError, match=f"answered with {status}"):
-                component.table()
-            with pytest.raises(ValueError, match=f"answered with {status}"):
-                component.store_reading({"x": 20.0}, {})
-            with ThermapClient(url) as client, pytest.raises(ThermapClientError):
-                client.machine("vmc")
-            assert set(heard) == {"Bearer tm_key"}
-    assert heard_elsewhere == []
