@@ -250,8 +250,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     latest = situation.latest
     if latest is None:
         return
-    oldest_s = NO_READING_AGES * _max_age_s(situation.model)
-    if situation.judged_at - latest > timedelta(seconds=oldest_s):
+    if _has_stopped(situation):
         at = _clock(latest, situation.judged_at)
         yield Cause(
             State.NO_READING,
@@ -270,6 +269,12 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
                 tuple(codes),
                 (sensor.sensor,),
             )
+
+
+def _has_stopped(situation: Situation) -> bool:
+    """Whether no reading at all has come for so long that the table stands still."""
+    limit = timedelta(seconds=NO_READING_AGES * _max_age_s(situation.model))
+    return situation.latest is not None and situation.judged_at - situation.latest > limit
 
 
 def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
@@ -409,7 +414,7 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
             continue
         is_used = bool(_resting_on(table, state.sensor))
         if state.health is Health.STALE:
-            if not is_used:
+            if not is_used and not _has_stopped(situation):
                 yield Cause(State.FRESH, f"{_not_read(situation, state)}: {NOTHING_RESTS}.")
         else:
             rest = "" if is_used else f"; {NOTHING_RESTS}"
