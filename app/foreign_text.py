@@ -21,7 +21,7 @@ def shown(text: str, longest: int = LONGEST) -> str:
     nobody sees.
 
     >>> shown("no \x1b[31magent at http://me:s3cret@10.0.0.5:5000/probe")
-    'no \\x1b[31magent at http://***@10.0.0.5:5000/probe'
+    'no \\x1b[31magent at http://me:***@10.0.0.5:5000/probe'
     >>> shown("x" * 600, 3)
     'xxx… (600 characters)'
     """
@@ -52,7 +52,7 @@ def without_secrets(text: str) -> str:
     """Hide passwords: before the host of a URL, and where `password=` or the like says it.
 
     >>> without_secrets("postgresql://me:p/w@db/thermap?sslmode=require&password=p")
-    'postgresql://***@db/thermap?sslmode=require&password=***'
+    'postgresql://me:***@db/thermap?sslmode=require&password=***'
     >>> without_secrets("mail@example.org")
     'mail@example.org'
     """
@@ -63,7 +63,8 @@ def without_secrets(text: str) -> str:
 
 def _without_login(word: str) -> str:
     before, at, after = word.rpartition("@")
-    scheme, separator, login = before.rpartition("://")
-    if not at or ":" not in login:
+    scheme, separator, login = before.partition("://") if "://" in before else ("", "", before)
+    user, colon, _ = login.partition(":")
+    if not at or not colon:
         return word
-    return f"{scheme}{separator}{HIDDEN}@{after}"
+    return f"{scheme}{separator}{user}:{HIDDEN}@{after}"

@@ -57,7 +57,7 @@ async def until(is_so):
         (Unforeseen("a\x1b[2Jb" + "x" * 10_000), "Unforeseen: a\\x1b[2Jbxxx"),
         (RecursionError(), "RecursionError"),
         (ThermapError("contact is lost"), "contact is lost"),
-        (OSError("http://me:s3cret@h refused"), "http://***@h refused"),
+        (OSError("http://me:s3cret@h refused"), "http://me:***@h refused"),
         (ExceptionGroup("", [ExceptionGroup("", [ThermapError("inside")])]), "inside"),
         (None, "it ended"),
     ],
@@ -116,7 +116,7 @@ async def test_a_connection_goes_on_and_says_what_ended_it():
     async with connections.running():
         await until(lambda: failing.words.startswith("Unforeseen") and failing.times > 4)
         (now,) = connections.now().connections
-    assert (now.connected, now.endpoint) == (False, "mqtt://***@h")
+    assert (now.connected, now.endpoint) == (False, "mqtt://me:***@h")
     assert now.trouble == "Unforeseen: out of the blue"
 
 

@@ -107,7 +107,8 @@ def sensors_at(machine: Body, readings: Iterable[Reading], now_s: float) -> Sens
 def _kept(machine: Body, past: Sequence[Reading]) -> list[Reading]:
     """Leave what sensors are judged by: 720 parts of twice `stuck_after_s`, or of `max_age_s`.
 
-    Of each part, counted from 1970, the first reading of each sensor, and each sensor's last two.
+    Of each part, counted from 1970, the first reading of each sensor, each sensor's last two, and
+    its last 31 of that time.
     """
     span_s = max(max(2.0 * (s["stuck_after_s"] or 0.0), s["max_age_s"]) for s in machine["sensors"])
     part_s = span_s / 720.0
@@ -117,7 +118,9 @@ def _kept(machine: Body, past: Sequence[Reading]) -> list[Reading]:
         needed.update(times[-2:])
         firsts = {time_s // part_s: time_s for time_s in reversed(times)}
         begins_s = past[-1][0] - span_s if past else 0.0
-        needed.update(t for part, t in firsts.items() if (part + 1.0) * part_s > begins_s)
+        in_span = {part for part in firsts if (part + 1.0) * part_s > begins_s}
+        needed.update(time_s for part, time_s in firsts.items() if part in in_span)
+        needed.update(t for t in times[-31:] if t // part_s in in_span)
     return [reading for reading in past if reading[0] in needed]
 
 
