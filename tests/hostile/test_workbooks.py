@@ -9,7 +9,7 @@ import pytest
 from openpyxl import Workbook, load_workbook
 
 from app.api.files import workbooks
-from app.api.files.delimited_text import workbook_text
+from app.api.files.delimited_text import workbook_sheets
 from app.api.files.table_limits import LONGEST_CELL, MOST_COLUMNS, NoTable
 from app.api.files.workbooks import read_sheets
 
@@ -148,7 +148,7 @@ def test_what_is_beyond_a_limit_is_refused_with_little_memory(kind):
     content, says = TOO_MUCH[kind]
     tracemalloc.start()
     with pytest.raises(NoTable, match=says):
-        workbook_text(content)
+        workbook_sheets(content)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 150_000_000
