@@ -66,6 +66,16 @@ def test_a_table_s_limits_are_said():
     )
 
 
+def test_lines_are_counted_before_they_are_split():
+    assert refusal_of("a\n" * 500_001) == "run.csv: expected at most 500000 lines, got more"
+    assert len(parse_delimited("a\r\n" * 600_000, Problems(FILE), is_sent=False).rows) == 599_999
+
+
+@pytest.mark.parametrize("first", ['""', '"",""', "sep=|\n||", '" "'])
+def test_a_line_of_nothing_names_no_columns(first):
+    refusal_of(f"{first}\n1\n")
+
+
 def test_a_long_number_is_none():
     assert read_number("1" * LONGEST_NUMBER) is not None
     assert read_number("1" * (LONGEST_NUMBER + 1)) is None

@@ -106,7 +106,11 @@ TOO_MUCH = {
         f"at most {MOST_COLUMNS} columns",
     ),
     "unpacked": (packed(" " * 70_000_000), f"at most {workbooks.MOST_UNPACKED} bytes"),
-    "elements": (packed("<x/>" * 5_000_001), f"at most {workbooks.MOST_ELEMENTS} elements"),
+    "tags": (packed("<x/>" * 6_000_001), f"at most {workbooks.MOST_TAGS} tags"),
+    "a code page": (
+        packed("", before='<?xml version="1.0" encoding="cp037"?>'),
+        "UTF-8 or UTF-16",
+    ),
     "depth": (packed("<x>" * 300), f"at most {workbooks.DEEPEST} deep"),
     "wide rows": (
         packed('<row><c r="ALL1"><v>1</v></c></row>' * 2_000),

@@ -17,7 +17,7 @@ from typing import Final
 
 from app.api.files.code_pages import decoded
 from app.api.files.decimal_text import read_number
-from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, NoTable
+from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, MOST_LINES, NoTable
 from app.api.files.workbooks import read_sheets as cells_of_sheets
 from app.csv_text import without_marks
 from app.errors import ThermapError, counted, list_names
@@ -227,7 +227,7 @@ def read_delimited(file: Path, problems: Problems) -> DelimitedText:
     UnreadableFile
         As `parse_delimited`, and if there is no such file.
     """
-    return parse_delimited(read_text(file), problems)
+    return parse_delimited(read_text(file), problems, is_sent=False)
 
 
 def split_lines(text: str) -> list[str]:
@@ -242,7 +242,12 @@ def split_lines(text: str) -> list[str]:
 
 
 def parse_delimited(
-    text: str, problems: Problems, most: int | None = None, *, is_one_table: bool = True
+    text: str,
+    problems: Problems,
+    most: int | None = None,
+    *,
+    is_one_table: bool = True,
+    is_sent: bool = True,
 ) -> DelimitedText:
     """Read a text into comments, column names and rows.
 
@@ -254,6 +259,8 @@ def parse_delimited(
         Lines of values that are accepted; more are not read.
     is_one_table
         Whether the first line names the columns of all others; if not, it is as they are.
+    is_sent
+        Whether it may have been sent to a service; the user's own file is as long as it is.
 
     Raises
     ------
@@ -263,6 +270,10 @@ def parse_delimited(
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
     stated = None
+    lines = text.count("\n") + text.count("\r") - text.count("\r\n")
+    if is_sent and lines > MOST_LINES:
+        problems.add(f"expected at most {MOST_LINES} lines, got more")
+        problems.raise_if_any()
     for line, written in enumerate(split_lines(text), start=1):
         if len(written) > LONGEST_LINE:
             problems.add(f"expected at most {LONGEST_LINE} characters, got {len(written)}", line)
@@ -292,7 +303,11 @@ def parse_delimited(
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
-    _expect_few_cells(len(headings), len(contents) - 1, heading_line, problems)
+    if not headings:
+        problems.add("expected column names, got none", heading_line)
+        problems.raise_if_any()
+    if is_sent:
+        _expect_few_cells(len(headings), len(contents) - 1, heading_line, problems)
     rows = [Row(line, _split(written, delimiter)) for line, written in contents[1:]]
     if not is_one_table:
         headings += [""] * (max((len(row.cells) for row in rows), default=0) - len(headings))

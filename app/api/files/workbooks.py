@@ -19,20 +19,17 @@ from typing import Final
 from xml.parsers import expat
 
 from app.api.files.decimal_text import LONGEST_NUMBER
-from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, NoTable
+from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, MOST_LINES, NoTable
 from app.units import SECONDS_PER_DAY
 
 MOST_UNPACKED: Final = 64 * 1024 * 1024
 """Of all parts that are read [bytes]."""
 
-MOST_ELEMENTS: Final = 5_000_000
-"""Of XML, in all parts that are read."""
+MOST_TAGS: Final = 6_000_000
+"""Of XML, in all parts that are read: each costs time."""
 
 DEEPEST: Final = 200
 """Elements of XML in one another."""
-
-MOST_ROWS: Final = 1_048_576
-"""Of a sheet, empty ones too: Excel has no more."""
 
 MOST_CHARACTERS: Final = 32 * 1024 * 1024
 """Of all cells together: a text that stands once in a file may stand in every cell."""
@@ -91,7 +88,7 @@ class _Parts:
 
     archive: zipfile.ZipFile
     bytes_read: int = 0
-    elements: int = 0
+    tags: int = 0
     depth: int = 0
     events: int = 0
 
@@ -119,6 +116,8 @@ class _Parts:
         parser.CharacterDataHandler = text
         parser.CommentHandler = parser.ProcessingInstructionHandler = other
         parser.StartDoctypeDeclHandler = _refuse_doctype
+        parser.XmlDeclHandler = _expect_unicode
+        self._count_part(name)
         self.depth = 0
         for piece in self._pieces(name):
             before = self.events
@@ -129,12 +128,21 @@ class _Parts:
 
     def _count_element(self) -> None:
         self.events += 1
-        self.elements += 1
         self.depth += 1
-        if self.elements > MOST_ELEMENTS:
-            raise NoTable(f"expected a workbook of at most {MOST_ELEMENTS} elements, got more")
         if self.depth > DEEPEST:
             raise NoTable(f"expected elements at most {DEEPEST} deep in one another, got more")
+
+    def _count_part(self, name: str) -> None:
+        """Count a part before it is read: to unpack it costs little beside reading it."""
+        for piece in self._pieces(name):
+            self.bytes_read += len(piece)
+            self.tags += piece.count(b"<")
+            if self.bytes_read > MOST_UNPACKED:
+                raise NoTable(
+                    f"expected a workbook that unpacks to at most {MOST_UNPACKED} bytes, got more"
+                )
+            if self.tags > MOST_TAGS:
+                raise NoTable(f"expected a workbook of at most {MOST_TAGS} tags of XML, got more")
 
     def _pieces(self, name: str) -> Iterator[bytes]:
         """Unpack a part, piece by piece."""
@@ -144,17 +152,17 @@ class _Parts:
             raise NoTable(f"expected {name!r} stored or deflated, got another packing")
         with self.archive.open(entry) as source:
             while piece := source.read(_CHUNK):
-                self.bytes_read += len(piece)
-                if self.bytes_read > MOST_UNPACKED:
-                    raise NoTable(
-                        f"expected a workbook that unpacks to at most {MOST_UNPACKED} bytes, got "
-                        "more"
-                    )
                 yield piece
 
 
 def _local(name: str) -> str:
     return name.rpartition(" ")[2]
+
+
+def _expect_unicode(_version: str, encoding: str | None, _standalone: int) -> None:
+    # In another code page "<" may be another byte, and tags would not be counted.
+    if encoding is not None and encoding.upper() not in ("UTF-8", "UTF-16"):
+        raise NoTable(f"expected a workbook in UTF-8 or UTF-16, got {encoding[:20]!r}")
 
 
 def _refuse_doctype(*_: object) -> None:
@@ -362,9 +370,9 @@ class _Sheet(_Reader):
         if element == "row":
             stated = attributes.get("r", "")
             number = int(stated[:LONGEST_NUMBER]) if stated else self._number + 1
-            if not self._number < number <= MOST_ROWS:
+            if not self._number < number <= MOST_LINES:
                 raise NoTable(
-                    f"expected rows in order, at most {MOST_ROWS}, got row {number} after row "
+                    f"expected rows in order, at most {MOST_LINES}, got row {number} after row "
                     f"{self._number}"
                 )
             self._number, self._column = number, 0
