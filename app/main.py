@@ -184,6 +184,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
+        openapi_url=None,
     )
     service.state.context = context
     service.state.runner = runner

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from threading import Lock
+from typing import Any, Final
 
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from pydantic import Field, TypeAdapter
+from starlette.responses import JSONResponse
 
 from app.answer import Answer, answers
 from app.api.pages import Page
 from app.api.schemas.base import Schema
 from app.api.schemas.error_field import AnswerHead
 from app.events.news import AnalysisNews, MissedEntries, WatchChange
+
+DOCUMENT: Final = "/openapi.json"
 
 DESCRIPTION = """
 Stores error maps measured in several thermal states, with the temperatures of their
@@ -86,8 +90,13 @@ class Problem(Schema):
 def document_problems(service: FastAPI) -> None:
     """Document every refusal as what it is: problem details."""
     plain = service.openapi
+    writing = Lock()
 
     def openapi() -> dict[str, Any]:
+        with writing:
+            return write()
+
+    def write() -> dict[str, Any]:
         if service.openapi_schema is None:
             document = _as_published(plain())
             schemas = document["components"]["schemas"]
@@ -120,6 +129,11 @@ def document_problems(service: FastAPI) -> None:
 
     service.openapi = openapi  # type: ignore[method-assign]
 
+    # In a thread: it takes seconds to write the first time, in which tables go on.
+    @service.get(DOCUMENT, include_in_schema=False)
+    def openapi_document() -> JSONResponse:
+        return JSONResponse(service.openapi())
+
 
 def _as_published(document: dict[str, Any]) -> dict[str, Any]:
     """Name the domain's own shapes as they are published."""
@@ -146,7 +160,7 @@ def _follow_names(part: Any, names: Mapping[str, str]) -> None:
 def swagger_page(title: str) -> Page:
     """Make the page that lets people read and try the routes, without the internet."""
     written = get_swagger_ui_html(
-        openapi_url="/openapi.json",
+        openapi_url=DOCUMENT,
         title=f"{title} · HTTP",
         swagger_js_url="/docs-assets/swagger-ui-bundle.js",
         swagger_css_url="/docs-assets/swagger-ui.css",

@@ -15,7 +15,11 @@ from enum import StrEnum
 from typing import Final
 
 from app.errors import UnknownComponent, list_names
+from app.foreign_text import shown
 from app.units import Unit
+
+LONGEST_NAME: Final = 40
+"""Of a name that is no component's, where it is repeated [characters]."""
 
 LINEAR_LETTERS: Final = "xyz"
 ROTATION_LETTERS: Final = "abc"
@@ -261,19 +265,25 @@ def parse_component(name: str) -> tuple[Component, int]:
     >>> component.code, sign
     ('SXY', -1)
     """
+    component = find_component(name)
+    if component is None:
+        raise UnknownComponent(unknown_component(name))
+    return component
+
+
+def find_component(name: str) -> tuple[Component, int] | None:
+    """Read a name as `parse_component` does; None where it is no component's."""
     text = re.sub(r"\s+", "", name)
     head, caret, slope = text.partition("^")
     exact = COMPONENTS.get(f"{head.upper()}{caret}{slope.lower()}")
     if exact is not None:
         return exact, 1
-    other = _BY_OTHER_NAME.get(text.replace("_", "").lower())
-    if other is not None:
-        return other
-    raise UnknownComponent(_unknown_sentence(name))
+    return _BY_OTHER_NAME.get(text.replace("_", "").lower())
 
 
-def _unknown_sentence(name: str) -> str:
-    """Say what would have been a component's name."""
+def unknown_component(name: str) -> str:
+    """Say what would have been a component's name; slow, so only for what somebody will read."""
+    name = shown(name, LONGEST_NAME)
     near = difflib.get_close_matches(name.upper(), COMPONENTS, n=3, cutoff=0.5)
     hint = f"; near it: {list_names(near)}" if near else ""
     return (

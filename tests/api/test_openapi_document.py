@@ -2,9 +2,11 @@
 
 import json
 import re
+from inspect import iscoroutinefunction
 
 import pytest
 
+from app.api.openapi import DOCUMENT
 from app.units import unit_of_field
 from scripts.write_http_reference import openapi_document
 
@@ -155,3 +157,9 @@ def test_every_route_of_the_contract_is_there(document):
     }
     there = {path: set(item) for path, item in document["paths"].items()}
     assert contract.items() <= there.items()
+
+
+def test_it_is_written_in_a_thread(app):
+    """It takes seconds the first time, in which tables go on."""
+    (route,) = [r for r in app.routes if getattr(r, "path", "") == DOCUMENT]
+    assert not iscoroutinefunction(route.endpoint)

@@ -17,6 +17,7 @@ from app.controllers import lines
 from app.controllers.format import ControllerFile
 from app.controllers.registry import FORMATS
 from app.errors import InvalidContent
+from app.geometry.components import unknown_component
 
 FILE = Path("run.csv")
 STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
@@ -74,6 +75,23 @@ def test_lines_are_counted_before_they_are_split():
 @pytest.mark.parametrize("first", ['""', '"",""', "sep=|\n||", '" "'])
 def test_a_line_of_nothing_names_no_columns(first):
     refusal_of(f"{first}\n1\n")
+
+
+def test_names_near_a_wrong_one_are_looked_for_where_they_are_shown(monkeypatch):
+    """Each takes as long as a hundred lines: 500,000 wrong ones would take minutes."""
+    asked = []
+    monkeypatch.setattr(
+        "app.geometry.components.difflib.get_close_matches",
+        lambda name, *_, **__: asked.append(name) or [],
+    )
+    rows = "".join(f"E{i},0,0\n" for i in range(1000))
+    with pytest.raises(UnreadableFile):
+        parse_csv_error_map({"": f"component,position_mm,error_um\n{rows}"}, FILE, STATED)
+    assert len(asked) == delimited_text.SHOWN
+
+
+def test_a_long_name_of_a_component_is_cut_where_it_is_repeated():
+    assert len(unknown_component("E" * 2_000_000)) < 300
 
 
 def test_a_long_number_is_none():

@@ -29,8 +29,8 @@ from app.api.files.csv_columns import (
 )
 from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText, Row
-from app.errors import UnknownComponent, list_names
-from app.geometry.components import LINEAR_LETTERS, Component, parse_component
+from app.errors import list_names
+from app.geometry.components import LINEAR_LETTERS, Component, find_component
 from app.thermal.error_map import impossible_error
 from app.units import Unit
 
@@ -216,10 +216,8 @@ def _with_units(row: Row, units: Row) -> Row:
 
 
 def _component(word: str) -> Component | None:
-    try:
-        return parse_component(word)[0]
-    except UnknownComponent:
-        return None
+    match = find_component(word)
+    return None if match is None else match[0]
 
 
 def component_column(index: int, heading: str) -> ComponentColumn | None:

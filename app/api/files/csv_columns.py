@@ -13,7 +13,7 @@ from datetime import datetime, tzinfo
 from decimal import Decimal
 from typing import Final
 
-from app.api.files.delimited_text import DelimitedText, Row, left_out
+from app.api.files.delimited_text import DelimitedText, Message, Row, left_out
 from app.errors import list_names, repeated
 from app.units import (
     MM_PER_M,
@@ -305,7 +305,7 @@ class Columns:
             )
         return None
 
-    def complain(self, row: Row, field: str, message: str) -> None:
+    def complain(self, row: Row, field: str, message: Message) -> None:
         """Note a problem with a cell, or with the line where there is no such column."""
         column = self.by_field.get(field)
         if column is None:

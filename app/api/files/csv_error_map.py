@@ -47,8 +47,14 @@ from app.api.files.delimited_text import (
     read_sheets,
 )
 from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
-from app.errors import InvalidContent, UnknownComponent, list_names
-from app.geometry.components import COMPONENTS, Component, parse_component
+from app.errors import InvalidContent, list_names
+from app.geometry.components import (
+    COMPONENTS,
+    Component,
+    find_component,
+    parse_component,
+    unknown_component,
+)
 from app.measurement.stated_numbers import suspiciously_small
 from app.thermal.error_map import impossible_error
 from app.units import Unit
@@ -265,11 +271,12 @@ def _fits(column: Column, component: Component) -> bool:
 
 
 def _component_of(table: _Table, row: Row) -> Component | None:
-    try:
-        return parse_component(table.columns.word(row, "component"))[0]
-    except UnknownComponent as error:
-        table.columns.complain(row, "component", error.detail)
+    name = table.columns.word(row, "component")
+    match = find_component(name)
+    if match is None:
+        table.columns.complain(row, "component", lambda: unknown_component(name))
         return None
+    return match[0]
 
 
 def _read_point(table: _Table, row: Row, component: Component) -> _Point | None:

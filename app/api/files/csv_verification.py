@@ -40,8 +40,14 @@ from app.api.files.delimited_text import (
 )
 from app.api.files.delimited_text import Problems as FileProblems
 from app.api.schemas.verifications import MOST_OBSERVATIONS
-from app.errors import UnknownComponent, list_names
-from app.geometry.components import LINEAR_LETTERS, Component, parse_component
+from app.errors import list_names
+from app.geometry.components import (
+    LINEAR_LETTERS,
+    Component,
+    find_component,
+    parse_component,
+    unknown_component,
+)
 from app.search.rows import Datum
 from app.thermal.error_map import impossible_error
 from app.units import Unit
@@ -310,11 +316,11 @@ def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
 
 def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
     name = columns.word(row, "component")
-    try:
-        component, _ = parse_component(name)
-    except UnknownComponent as error:
-        columns.complain(row, "component", error.detail)
+    match = find_component(name)
+    if match is None:
+        columns.complain(row, "component", lambda: unknown_component(name))
         return {}
+    component, _ = match
     found: Body = {"component": name}
     if not is_planned:
         found |= _measured(columns, row, component.unit)

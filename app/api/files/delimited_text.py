@@ -10,10 +10,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 from app.api.files.code_pages import decoded
 from app.api.files.decimal_text import read_number
@@ -21,6 +21,8 @@ from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, M
 from app.api.files.workbooks import read_sheets as cells_of_sheets
 from app.csv_text import without_marks
 from app.errors import ThermapError, counted, list_names
+
+Message: TypeAlias = str | Callable[[], str]
 
 SHOWN: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
@@ -93,8 +95,11 @@ class Problems:
     """Of a workbook with several, the one that is being read."""
     _once: set[str] = field(default_factory=set)
 
-    def add(self, message: str, line: int | None = None, column: str = "") -> None:
-        """Note a problem, with the number of its line and the column's name and number."""
+    def add(self, message: Message, line: int | None = None, column: str = "") -> None:
+        """Note a problem, with the number of its line and the column's name and number.
+
+        A message that takes long to write is handed over as a function: most are never read.
+        """
         place = "".join(
             (
                 str(self.file),
@@ -105,7 +110,7 @@ class Problems:
         )
         self.number += 1
         if len(self.first) < SHOWN:
-            self.first.append(f"{place}: {message}")
+            self.first.append(f"{place}: {message if isinstance(message, str) else message()}")
 
     def add_once(self, message: str, line: int) -> None:
         """Note a problem of a line that every line below it would come upon."""
@@ -201,7 +206,7 @@ class DelimitedText:
         """Name a column for a message."""
         return f"column {column + 1} ({self.headings[column]})"
 
-    def complain(self, row: Row, column: int, message: str) -> None:
+    def complain(self, row: Row, column: int, message: Message) -> None:
         """Note a problem with one cell."""
         self.problems.add(message, row.line, self.place(column))
 
