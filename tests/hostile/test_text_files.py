@@ -220,3 +220,13 @@ def test_so_does_a_controller_s_file(name, line):
         FORMATS[name].parse([ControllerFile("x.comp", f"%\n{content}\n%\nM17")], options)
 
     assert steps_of(read, 240) < 7 * max(steps_of(read, 60), 300)
+
+
+@pytest.mark.parametrize("position", ["1e30", "-2000000"])
+def test_a_position_that_no_map_may_have_is_refused_as_the_service_does(position):
+    with pytest.raises(
+        UnreadableFile, match=r"positions_mm\.\d: expected at (most|least) -?1e\+06"
+    ):
+        parse_csv_error_map(
+            {"": f"component,position_mm,error_um\nEXX,{position},1\nEXX,5,1\n"}, FILE, STATED
+        )

@@ -46,7 +46,7 @@ from app.api.files.delimited_text import (
     parse_delimited,
     read_sheets,
 )
-from app.api.schemas.error_maps import ComponentSchema, ErrorMapSchema
+from app.api.schemas.error_maps import ErrorMapSchema
 from app.errors import InvalidContent, list_names
 from app.geometry.components import (
     COMPONENTS,
@@ -150,7 +150,7 @@ def parse_csv_error_map(sheets: Mapping[str, str], file: Path, stated: Stated) -
     return CsvErrorMap(error_map, comments.machine, remarks)
 
 
-def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentSchema]:
+def _read_components(text: DelimitedText, remarks: list[str]) -> list[dict[str, Any]]:
     table = _find_columns(text, remarks)
     points: dict[str, list[_Point]] = {}
     names: dict[str, str] = {}
@@ -173,7 +173,7 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[ComponentS
     ]
 
 
-def _components_of_columns(found: ComponentSheets, remarks: list[str]) -> list[ComponentSchema]:
+def _components_of_columns(found: ComponentSheets, remarks: list[str]) -> list[dict[str, Any]]:
     """Put the cells of tables with a column for each component together."""
     points: dict[str, dict[object, _Point]] = {}
     names: dict[str, str] = {}
@@ -386,7 +386,7 @@ def _other_units(table: _Table, names: Mapping[str, str]) -> Iterator[str]:
 
 def _make_component(
     text: DelimitedText, name: str, points: Sequence[_Point]
-) -> ComponentSchema | None:
+) -> dict[str, Any] | None:
     """Put a component's rows in order of position."""
     component = parse_component(name)[0]
     ordered = sorted(points, key=lambda p: (p.position_mm or 0.0, p.row.line))
@@ -403,7 +403,7 @@ def _make_component(
         _complain_of_gaps(text, component, kind, words, ordered)
     if text.problems.number > before:
         return None
-    return ComponentSchema(component=name, **_numbers(component, ordered))
+    return {"component": name, **_numbers(component, ordered)}
 
 
 def _complain_of_gaps(
