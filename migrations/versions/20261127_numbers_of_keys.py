@@ -42,5 +42,6 @@ def _make_keys_anew(*, sqlite_autoincrement: bool) -> None:
         "access_key",
         recreate="always",
         table_kwargs={"sqlite_autoincrement": sqlite_autoincrement},
-    ):
-        pass
+    ) as keys:
+        if not sqlite_autoincrement:  # a key that counts by itself has no name
+            keys.create_primary_key("pk_access_key", ["id"])

@@ -68,10 +68,10 @@ def test_what_is_wrong_with_an_option_stands_at_it(chromium, shop):
         expect(page.locator("#option-sign")).to_be_focused()
         page.locator("#option-sign").select_option('"error"')
         page.locator("#others summary").click()
-        page.get_by_label("Spacing, mm").fill("5,5")
+        page.get_by_label("Spacing, mm").fill("5 5")
         page.locator("#option-axesx").fill("A 1")
         page.keyboard.press("Enter")
-        expect(page.locator("#wrong-spacing_mm")).to_contain_text("got '5,5'")
+        expect(page.locator("#wrong-spacing_mm")).to_contain_text("got '5 5'")
         expect(page.locator("#wrong-axes")).to_contain_text("X: expected 1 to 32 letters")
         assert barriers(page) == []
         page.get_by_label("Spacing, mm").fill("125")
