@@ -12,7 +12,7 @@ from app.live import reading_window
 from app.live.reading_window import LIMIT
 from app.thermal.machine import Machine, Sensor, sensors_by_name
 from app.thermal.reading import Reading
-from app.thermal.sensor_health import Health, record_needed_s
+from app.thermal.sensor_health import RECENT, Health, record_needed_s
 from tests.service_examples import START
 
 END = START + timedelta(days=365)
@@ -126,7 +126,7 @@ def test_fast_readings_are_thinned_but_the_newest_is_always_there():
             window.add(TWO, [at(0.9 * i)])
             assert window.latest == at(0.9 * i)
     times = kept(window)
-    assert len(times) <= LIMIT + 2
+    assert len(times) <= LIMIT + RECENT
     assert times[-1] - times[0] > timedelta(seconds=7000)
 
 
