@@ -9,7 +9,7 @@ pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed"
 
 from paho.mqtt.client import MQTTMessage
 
-from app.connections import mqtt_link
+from app.connections import mqtt_connection, mqtt_link
 from app.connections.intake import Fate
 from app.connections.mqtt_connection import MqttConnection
 from app.connections.mqtt_link import Arrived, Broker, Link
@@ -170,3 +170,22 @@ async def test_whatever_a_message_raises_refuses_it(monkeypatch):
     monkeypatch.setattr("app.connections.mqtt_connection.read_message", read)
     intake = await carry([b"21", b"22"])
     assert intake.refused == ["ZeroDivisionError: out of the blue"] * 2
+
+
+async def test_long_messages_in_a_row_let_others_have_their_turn(monkeypatch):
+    monkeypatch.setattr(mqtt_connection, "TURN_S", 0.0)
+    connection, link, seen, turns_of_others = (
+        connection_of(Taking()),
+        Messages([b"21"] * 40),
+        [],
+        [],
+    )
+    monkeypatch.setattr(connection, "_take", lambda _: seen.append(len(turns_of_others)) or [])
+
+    async def others():
+        while len(seen) < 40:
+            turns_of_others.append(None)
+            await asyncio.sleep(0)
+
+    await asyncio.gather(connection._take_messages(link), others())
+    assert seen == sorted(set(seen))
