@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
 from app.answer import Answer
 from app.errors import list_names
@@ -29,8 +29,11 @@ def _read_unit(stated: object) -> TemperatureUnit:
 StatedUnit: TypeAlias = Annotated[TemperatureUnit, BeforeValidator(_read_unit)]
 """A unit of temperature by its name."""
 
-Factor: TypeAlias = Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)]
-"""By which a number is multiplied before it is in its unit: 0.1 of tenths of a degree."""
+LARGEST_TERM: Final = 1e6
+"""Of what a raw number is multiplied by, and of what is added to it."""
+
+DECIMALS_C: Final = 9
+"""Of a temperature that was converted [°C]: 243 tenths are 24.3, and not 24.300000000000004."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,42 @@ class Table(BaseModel):
     """A table of the file: no key but those that there are, no type but the one expected."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class TemperatureTable(Table):
+    """How a sender writes a temperature: raw number times `factor` plus `offset`, in `unit`.
+
+    Parameters
+    ----------
+    unit
+        None: what the sender states of the value, or °C.
+    """
+
+    unit: StatedUnit | None = None
+    factor: float = Field(1.0, ge=-LARGEST_TERM, le=LARGEST_TERM, allow_inf_nan=False)
+    offset: float = Field(0.0, ge=-LARGEST_TERM, le=LARGEST_TERM, allow_inf_nan=False)
+
+    @field_validator("factor")
+    @classmethod
+    def _is_not_0(cls, factor: float) -> float:
+        if factor == 0.0:
+            raise ValueError("expected a factor other than 0, got 0")
+        return factor
+
+    def to_c(self, raw: float, stated: TemperatureUnit | None = None) -> float:
+        """Convert a raw number to °C; `stated` is the sender's unit, where the file has none.
+
+        >>> TemperatureTable(factor=0.1).to_c(243.0)
+        24.3
+        >>> TemperatureTable(factor=0.1, offset=-40.0, unit="FAHRENHEIT").to_c(1080.0)
+        20.0
+        """
+        unit = self.unit or stated or TemperatureUnit.CELSIUS
+        return round(unit.to_c(raw * self.factor + self.offset), DECIMALS_C)
+
+
+PLAIN: Final = TemperatureTable()
+"""A temperature that the file says nothing of."""
 
 
 def each(key: str) -> BeforeValidator:

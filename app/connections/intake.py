@@ -13,7 +13,7 @@ import logging
 import math
 import random
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
@@ -60,6 +60,12 @@ of two senders one may be wrong all the time."""
 
 MOST_MACHINES: Final = 10_000
 """Whose latest times are remembered; those that are over are of no use."""
+
+MOST_REFUSALS: Final = 10_000
+"""Sensors of which it is remembered why they were refused: topics may name any number."""
+
+NAMED: Final = 5
+"""Refused sensors that are named where there are many."""
 
 SENSOR_FIELD: Final = "temperatures_c."
 
@@ -170,6 +176,14 @@ class Sender:
     def __init__(self, intake: Intake) -> None:
         self._intake = intake
         self.fates = dict.fromkeys(Fate, 0)
+        self._refused: set[tuple[str, str]] = set()
+
+    @property
+    def troubles(self) -> list[str]:
+        """Name its sensors whose latest values were refused, and why."""
+        reasons = {who: self._intake.refusal_of(*who) for who in sorted(self._refused)}
+        said = [f"{sensor} of {m!r}: {why}" for (m, sensor), why in reasons.items() if why]
+        return said[:NAMED]
 
     def offer(
         self,
@@ -180,7 +194,7 @@ class Sender:
     ) -> asyncio.Future[Fate]:
         """Take values of one machine."""
         fate = self._intake.offer(machine, temperatures_c, time, state)
-        fate.add_done_callback(self._count)
+        fate.add_done_callback(lambda done: self._count(done, machine, temperatures_c))
         return fate
 
     def refuse(self, where: str, reason: str) -> None:
@@ -188,9 +202,15 @@ class Sender:
         self.fates[Fate.REFUSED] += 1
         self._intake.refuse(where, reason)
 
-    def _count(self, fate: asyncio.Future[Fate]) -> None:
-        if not fate.cancelled():
-            self.fates[fate.result()] += 1
+    def _count(self, done: asyncio.Future[Fate], machine: str, sensors: Iterable[str]) -> None:
+        if done.cancelled():
+            return
+        self.fates[done.result()] += 1
+        who = {(machine, sensor) for sensor in sensors}
+        if done.result() is Fate.REFUSED and len(self._refused) < MOST_REFUSALS:
+            self._refused |= who
+        elif done.result() is Fate.STORED:
+            self._refused -= who
 
 
 class Intake:
@@ -215,6 +235,7 @@ class Intake:
         # What a machine's readings had when their time was over: a reading that has all of it
         # need not wait.
         self._usual: dict[str, set[str]] = {}
+        self._refusals: dict[tuple[str, str], str] = {}
         self._wrong_clocks: dict[str, float] = {}
         self._logged_s = -math.inf
         self._not_logged = 0
@@ -285,6 +306,10 @@ class Intake:
             self._close(key)
         return fate
 
+    def refusal_of(self, machine: str, sensor: str) -> str:
+        """Say why a sensor's latest value was refused; empty where it was stored."""
+        return self._refusals.get((machine, sensor), "")
+
     @property
     def machines_with_wrong_clocks(self) -> tuple[str, ...]:
         """Machines of whose senders one stated a wrong time within the last minute."""
@@ -346,14 +371,19 @@ class Intake:
         except ThermapError as error:
             if isinstance(error, Conflict) and await self._go_behind(one):
                 return
+            reasons = _blamed_sensors(error)
+            blamed = reasons.keys() & one.temperatures_c.keys()
+            if not blamed:
+                self._refuse_whole(one, error.detail)
+                if isinstance(error, UnknownThing):
+                    self._forget(one.machine)
+                return
             self.refuse(f"machine {one.machine!r}", error.detail)
-            if isinstance(error, UnknownThing):
-                self._forget(one.machine)
-            blamed = _blamed_sensors(error) & one.temperatures_c.keys()
             for sensor in blamed:
                 del one.temperatures_c[sensor]
+                self._note_refusal(one.machine, sensor, reasons[sensor])
             one.refused |= blamed
-            if blamed and (one.temperatures_c or one.state):
+            if one.temperatures_c or one.state:
                 await self._store_what_can_be(one)
             else:
                 self._settle(one, Fate.REFUSED)
@@ -366,6 +396,10 @@ class Intake:
         self._latest.pop(machine, None)
         self._usual.pop(machine, None)
         self._wrong_clocks.pop(machine, None)
+
+    def _note_refusal(self, machine: str, sensor: str, reason: str) -> None:
+        if len(self._refusals) < MOST_REFUSALS or (machine, sensor) in self._refusals:
+            self._refusals[machine, sensor] = reason
 
     async def _go_behind(self, one: _Collected) -> bool:
         """Store what is new of a time that has a reading, behind it; False where it contradicts.
@@ -392,6 +426,8 @@ class Intake:
 
     def _refuse_whole(self, one: _Collected, reason: str) -> None:
         self.refuse(f"machine {one.machine!r}", reason)
+        for sensor in one.temperatures_c:
+            self._note_refusal(one.machine, sensor, reason)
         self._settle(one, Fate.REFUSED)
 
     def _settle(self, one: _Collected, fate: Fate) -> None:
@@ -404,6 +440,9 @@ class Intake:
         self.counts.dropped += fate is Fate.DROPPED
         if not self._kept:
             self._something.clear()
+        if fate is Fate.STORED:
+            for sensor in one.temperatures_c:
+                self._refusals.pop((one.machine, sensor), None)
         one.tell(fate)
 
     def _close_this(self, key: tuple[str, datetime | None], collected: _Collected) -> None:
@@ -495,9 +534,9 @@ def _is_finite(value: float) -> bool:
         return False
 
 
-def _blamed_sensors(error: ThermapError) -> set[str]:
-    """Read out of a refusal which sensors' values were refused."""
+def _blamed_sensors(error: ThermapError) -> dict[str, str]:
+    """Read out of a refusal which sensors' values were refused, and why."""
     if not isinstance(error, InvalidContent):
-        return set()
-    paths = [one.field.partition(SENSOR_FIELD) for one in error.errors]
-    return {name for _, found, name in paths if found}
+        return {}
+    parts = [(one.field.partition(SENSOR_FIELD), one.message) for one in error.errors]
+    return {name: message for (_, found, name), message in parts if found}

@@ -15,7 +15,7 @@ from app.errors import ThermapError
 from app.foreign_text import shown
 from app.units import MS_PER_S, read_time, time_since_1970
 
-_NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?")
+_NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?", re.ASCII)
 _STEP: Final = re.compile(r'(?:^|(?<!^)\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
 
 SHOWN: Final = 60

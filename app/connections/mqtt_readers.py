@@ -61,16 +61,14 @@ def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) ->
     if sensor is None:
         return _read_document(table, machine, payload)
     if table.value is None:
-        return Stated(machine, {sensor: table.unit.to_c(table.factor * read_text(payload))})
+        return Stated(machine, {sensor: table.to_c(read_text(payload))})
     document = read_json(payload)
     value = number_at(document, table.value)
     if value is None and table.value.is_null(document):
         return Stated(machine, {}, without=(sensor,))
     if value is None:
         raise Unusable(f"expected a number at {table.value.text}, got nothing there")
-    return Stated(
-        machine, {sensor: table.unit.to_c(table.factor * value)}, time=_time(table, document)
-    )
+    return Stated(machine, {sensor: table.to_c(value)}, time=_time(table, document))
 
 
 def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
@@ -85,7 +83,7 @@ def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
             wrong.append(f"{name}: {why.detail}")
             continue
         if value is not None:
-            temperatures_c[name] = place.unit.to_c(place.factor * value)
+            temperatures_c[name] = place.to_c(value)
     for name, path in table.state.items():
         try:
             value = number_at(document, path)

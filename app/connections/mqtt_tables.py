@@ -20,15 +20,13 @@ from pydantic import (
 from app.compensation.table_steps import SMALLEST_STEP
 from app.connections.connection import (
     ConnectionTable,
-    Factor,
     ShortName,
-    StatedUnit,
     Table,
+    TemperatureTable,
     each,
 )
 from app.connections.mqtt_payloads import JsonPath, TimeForm
 from app.connections.mqtt_topics import TopicPattern
-from app.units import TemperatureUnit
 
 
 def _parsed(parse: Callable[[str], Any]) -> BeforeValidator:
@@ -51,34 +49,28 @@ FilePath: TypeAlias = Annotated[Path, _parsed(Path)]
 SparkplugName: TypeAlias = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^/+#]+$")]
 
 
-class PathTable(Table):
-    """A temperature in a JSON document: where, and in which unit."""
+class PathTable(TemperatureTable):
+    """A temperature in a JSON document: where, and how it is written."""
 
     path: Path_
-    unit: StatedUnit = TemperatureUnit.CELSIUS
-    factor: Factor = 1.0
 
 
-class MetricTable(Table):
-    """A metric of Sparkplug by its name, and its unit."""
+class MetricTable(TemperatureTable):
+    """A metric of Sparkplug by its name, and how a temperature is written."""
 
     metric: Annotated[str, Field(min_length=1, max_length=500)]
-    unit: StatedUnit = TemperatureUnit.CELSIUS
-    factor: Factor = 1.0
 
 
 Paths: TypeAlias = Annotated[dict[str, PathTable], each("path")]
 Metrics: TypeAlias = Annotated[dict[str, MetricTable], each("metric")]
 
 
-class TopicTable(Table):
+class TopicTable(TemperatureTable):
     """`[[mqtt.topics]]`: a topic, and what its messages say."""
 
     topic: Annotated[TopicPattern, _parsed(TopicPattern.parse)]
     machine: ShortName | None = None
     sensor: ShortName | None = None
-    unit: StatedUnit = TemperatureUnit.CELSIUS
-    factor: Factor = 1.0
     value: Path_ | None = None
     sensors: Paths = Field(default_factory=dict)
     state: dict[str, Path_] = Field(default_factory=dict)
@@ -100,10 +92,10 @@ class TopicTable(Table):
                 "expected one of `sensor`, {sensor} and `sensors` (with `state`), got "
                 + ("none" if not any(ways) else "more than one")
             )
-        if ways[2] and self.model_fields_set & {"value", "unit", "factor"}:
+        if ways[2] and self.model_fields_set & {"value", *TemperatureTable.model_fields}:
             raise ValueError(
-                "expected a path, a unit and a factor for each of `sensors`, got `value`, `unit` "
-                "or `factor`"
+                "expected a path for each of `sensors`, and there a unit, factor or offset, got "
+                "`value`, `unit`, `factor` or `offset` beside them"
             )
         if self.time is not None and self.value is None and not ways[2]:
             raise ValueError("expected `value` or `sensors` with `time`, got plain numbers")

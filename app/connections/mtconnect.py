@@ -11,6 +11,7 @@ from typing import Final
 
 import httpx
 
+from app.connections.connection import PLAIN, TemperatureTable
 from app.connections.mtconnect_agent import Agent
 from app.connections.mtconnect_documents import (
     AgentRefused,
@@ -39,16 +40,12 @@ class Followed:
     ----------
     item
         Its id, or its name where only one item has it.
-    unit
-        Of a temperature; None: what the agent says, or °C. States are taken as they are.
-    factor
-        By which a temperature is multiplied before it is in its unit.
+    temperature
+        How a temperature is written; None: a state, which is taken as it is.
     """
 
     item: str
-    is_temperature: bool = True
-    unit: TemperatureUnit | None = None
-    factor: float = 1.0
+    temperature: TemperatureTable | None = PLAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,18 +178,18 @@ class AgentFollower:
                     f"{name}: expected the id or name of one, got {wanted.item!r}: {why}"
                 )
                 continue
-            stated = found[0].units or TemperatureUnit.CELSIUS
-            if wanted.is_temperature and (wanted.unit or stated) not in list(TemperatureUnit):
-                matters.append(f"{name}: expected a unit of temperature, got {stated!r}")
-                continue
-            if wanted.is_temperature and wanted.unit and found[0].units not in ("", wanted.unit):
-                matters.append(
-                    f"{name}: expected {wanted.unit} as configured, got {stated} from the agent; "
-                    "taken as configured"
-                )
+            if wanted.temperature is not None:
+                stated, unit = found[0].units or TemperatureUnit.CELSIUS, wanted.temperature.unit
+                if (unit or stated) not in list(TemperatureUnit):
+                    matters.append(f"{name}: expected a unit of temperature, got {stated!r}")
+                    continue
+                if unit and found[0].units not in ("", unit):
+                    matters.append(
+                        f"{name}: expected {unit} as configured, got {stated} from the agent; "
+                        "taken as configured"
+                    )
+                self._units[name] = unit or TemperatureUnit(stated)
             self._items[name] = found[0].item
-            if wanted.is_temperature:
-                self._units[name] = wanted.unit or TemperatureUnit(stated)
         self._matters = {}
         self._say("; ".join(matters))
 
@@ -217,14 +214,14 @@ class AgentFollower:
             self.take(found)
 
     def _value_of(self, name: str, observation: Observation) -> float | None:
-        followed, value = self.followed[name], observation.value
+        temperature, value = self.followed[name].temperature, observation.value
         if value is None:
             self.unreadable += not observation.is_unavailable
             self._matters[name] = words = observation.words
             self._log.warn(name, f"MTConnect: {name}: {words}")
             return None
         self._matters.pop(name, None)
-        return self._units[name].to_c(followed.factor * value) if followed.is_temperature else value
+        return value if temperature is None else temperature.to_c(value, self._units[name])
 
     def _say(self, words: str) -> None:
         if words and words != self._trouble:

@@ -13,10 +13,9 @@ from pydantic import Field
 from app.connections.connection import (
     Connection,
     ConnectionTable,
-    Factor,
     ShortName,
-    StatedUnit,
     Table,
+    TemperatureTable,
     each,
 )
 from app.connections.intake import TakesValues
@@ -29,12 +28,14 @@ if TYPE_CHECKING:
 _URL: Final = r"https?://[^\s]+"
 
 
-class ItemTable(Table):
-    """A data item of an agent: its id or name, and its unit where the agent states none."""
+class StateItemTable(Table):
+    """A data item that a state is read from, in the agent's unit: its id or name."""
 
     item: Annotated[str, Field(min_length=1, max_length=200)]
-    unit: StatedUnit | None = None
-    factor: Factor = 1.0
+
+
+class ItemTable(TemperatureTable, StateItemTable):
+    """A data item that is a temperature."""
 
 
 class MtconnectTable(ConnectionTable):
@@ -46,7 +47,7 @@ class MtconnectTable(ConnectionTable):
     machine: ShortName
     url: Annotated[str, Field(pattern=_URL, max_length=500)]
     sensors: Annotated[dict[str, ItemTable], Field(min_length=1, max_length=200), each("item")]
-    state: Annotated[dict[str, ItemTable], each("item")] = Field(default_factory=dict)
+    state: Annotated[dict[str, StateItemTable], each("item")] = Field(default_factory=dict)
     every_s: float = Field(1.0, ge=0.1, le=3600.0)
     stream: bool = False
 
@@ -70,10 +71,8 @@ class AgentConnection:
         from app.connections.mtconnect_agent import Agent
 
         table = self._table
-        followed = {
-            name: Followed(i.item, True, i.unit, i.factor) for name, i in table.sensors.items()
-        }
-        followed |= {name: Followed(i.item, False) for name, i in table.state.items()}
+        followed = {name: Followed(one.item, one) for name, one in table.sensors.items()}
+        followed |= {name: Followed(one.item, None) for name, one in table.state.items()}
         async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
             agent = Agent(http, table.url)
             if self._follower is None:

@@ -17,6 +17,7 @@ from typing import Final
 
 from asyncua import Client, ua
 
+from app.connections.connection import PLAIN, TemperatureTable
 from app.connections.opcua_observations import (
     Observed,
     node_of,
@@ -68,17 +69,12 @@ class Followed:
     ----------
     node
         `ns=2;s=NAME`, or `nsu=URI;s=NAME`.
-    unit
-        Of a temperature; None: what the server states of the node, or °C. States are taken as
-        they are.
-    factor
-        By which a temperature is multiplied before it is in its unit.
+    temperature
+        How a temperature is written; None: a state, which is taken as it is.
     """
 
     node: str
-    is_temperature: bool = True
-    unit: TemperatureUnit | None = None
-    factor: float = 1.0
+    temperature: TemperatureTable | None = PLAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,14 +215,15 @@ class ServerFollower:
                 self._say_of(name, node)
             else:
                 self._nodes[name] = node
-        names = [name for name in self._nodes if self._followed[name].is_temperature]
+        names = [name for name in self._nodes if self._followed[name].temperature is not None]
         stated = await find_units(client, [self._nodes[name] for name in names])
         for name, units in zip(names, stated, strict=True):
             self._choose_unit(name, stated_unit(units))
 
     def _choose_unit(self, name: str, stated: TemperatureUnit | str | None) -> None:
         """Take the unit as the file has it, or as the server states it."""
-        wanted = self._followed[name].unit
+        temperature = self._followed[name].temperature
+        wanted = None if temperature is None else temperature.unit
         if wanted is not None:
             self._units[name] = wanted
             if stated not in (None, wanted):
@@ -330,9 +327,9 @@ class ServerFollower:
             self._say_of(name, observed.words)
             return Found(name, None)
         self._matters.pop(name, None)
-        value = observed.value
-        if self._followed[name].is_temperature:
-            value = self._units[name].to_c(self._followed[name].factor * value)
+        value, temperature = observed.value, self._followed[name].temperature
+        if temperature is not None:
+            value = temperature.to_c(value, self._units[name])
         if time is not None and not self._is_usable(name, time):
             time = None
         return Found(name, value, time)

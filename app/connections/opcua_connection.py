@@ -12,10 +12,9 @@ from pydantic import Field
 from app.connections.connection import (
     Connection,
     ConnectionTable,
-    Factor,
     ShortName,
-    StatedUnit,
     Table,
+    TemperatureTable,
     each,
 )
 from app.connections.intake import TakesValues
@@ -34,18 +33,14 @@ _ENDPOINT: Final = r"^opc\.tcp://[^\s@]+$"
 _NODE: Final = r"^((ns=\d+;)?(i=\d+|[sgb]=.+)|nsu=[^;]+;(i=\d+|[sgb]=.+))$"
 
 
-class NodeTable(Table):
-    """A node of a server, and its unit where the server states none."""
-
-    node: Annotated[str, Field(pattern=_NODE, max_length=500)]
-    unit: StatedUnit | None = None
-    factor: Factor = 1.0
-
-
 class StateNodeTable(Table):
     """A node that a state is read from, in the server's unit."""
 
     node: Annotated[str, Field(pattern=_NODE, max_length=500)]
+
+
+class NodeTable(TemperatureTable, StateNodeTable):
+    """A node that is a temperature."""
 
 
 class OpcuaTable(ConnectionTable):
@@ -100,10 +95,8 @@ class ServerConnection:
         from app.connections.opcua_client import Followed, ServerFollower
 
         table = self._table
-        followed = {
-            name: Followed(i.node, True, i.unit, i.factor) for name, i in table.sensors.items()
-        }
-        followed |= {name: Followed(i.node, False) for name, i in table.state.items()}
+        followed = {name: Followed(one.node, one) for name, one in table.sensors.items()}
+        followed |= {name: Followed(one.node, None) for name, one in table.state.items()}
         if self._follower is None:
             self._follower = ServerFollower(
                 table.access,

@@ -124,7 +124,7 @@ def _with_counts(now: Connection, sender: Sender) -> Connection:
     fates = sender.fates
     return replace(
         now,
-        trouble=shown(now.trouble, LONGEST_TROUBLE),
+        trouble=shown("; ".join(filter(None, [now.trouble, *sender.troubles])), LONGEST_TROUBLE),
         endpoint=without_secrets(now.endpoint),
         taken=fates[Fate.STORED],
         dropped=fates[Fate.DROPPED],

@@ -129,5 +129,4 @@ def _names(table: SparkplugTable) -> Mapping[str, Sequence[str]]:
 def _value(table: SparkplugTable, name: str, metric: Metric) -> float | None:
     if metric.value is None or name not in table.sensors:
         return metric.value
-    sensor = table.sensors[name]
-    return sensor.unit.to_c(sensor.factor * metric.value)
+    return table.sensors[name].to_c(metric.value)

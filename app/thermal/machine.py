@@ -121,14 +121,15 @@ class Sensor:
 
     def expectation(self, value: float) -> str:
         """Say what was expected of a temperature that is out of range, and what came."""
-        kelvin = (
-            f", which would be {value - KELVIN_AT_0_C:.2f} °C if it was meant in kelvin"
+        meant = (
+            f", which would be {value - KELVIN_AT_0_C:.2f} °C if it was meant in kelvin, and "
+            f"{value / 10.0:.2f} °C in tenths of a degree"
             if self.looks_like_kelvin(value)
             else ""
         )
         return (
             f"expected a temperature of {self.name} from {self.min_c:g} to {self.max_c:g} °C, "
-            f"got {value:g}{kelvin}"
+            f"got {value:g}{meant}"
         )
 
 

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import pytest
 
 from app.connections import intake as module
-from app.connections.intake import Fate, Intake, Limits
+from app.connections.intake import Fate, Intake, Limits, Sender
 from app.errors import StorageUnavailable
 from tests.service_examples import ROOM, START, client_of, furnish_database
 
@@ -90,6 +90,26 @@ async def test_a_refused_sensor_takes_no_other_with_it(service):
         assert intake.counts.refused
     (reading,) = await readings_of(service)
     assert reading["temperatures_c"] == {"y-front": 21.0}
+
+
+async def test_a_sender_whose_values_are_refused_is_told_of_until_one_is_stored(service):
+    async with running_intake(service) as intake:
+        sender, other = Sender(intake), Sender(intake)
+        await asyncio.gather(
+            sender.offer(MACHINE, {"x-middle": 295.0, "y-front": 21.0}),
+            sender.offer("lathe", {"bed": 20.0}),
+            other.offer(MACHINE, {"z-column": 22.0}),
+        )
+        lathe, x = sender.troubles
+        assert lathe.startswith("bed of 'lathe': ")
+        assert x == (
+            f"x-middle of {MACHINE!r}: expected a temperature of x-middle from -10 to 80 °C, got "
+            "295, which would be 21.85 °C if it was meant in kelvin, and 29.50 °C in tenths of a "
+            "degree"
+        )
+        assert other.troubles == []
+        await sender.offer(MACHINE, {"x-middle": 24.5})
+        assert sender.troubles == [lathe]
 
 
 async def test_an_unknown_machine_is_refused_and_holds_nobody_up(service):

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
 
 from app.connections import mtconnect_agent
+from app.connections.connection import TemperatureTable
 from app.connections.mtconnect import AgentFollower, Followed
 from app.connections.mtconnect_agent import Agent, Parts
 from app.connections.mtconnect_documents import (
@@ -20,7 +21,6 @@ from app.connections.mtconnect_documents import (
     read_streams,
 )
 from app.supervision import keep_running
-from app.units import TemperatureUnit
 from tests.connections.mtconnect_agent_example import (
     BOMB,
     NEW_ERROR,
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.anyio
 FOLLOWED = {
     "spindle": Followed("t1"),
     "column": Followed("column_t"),
-    "speed": Followed("Srpm", is_temperature=False),
+    "speed": Followed("Srpm", temperature=None),
 }
 
 
@@ -200,9 +200,9 @@ async def test_an_agent_that_goes_and_comes_back(agent):
 async def test_what_cannot_be_followed_is_said(agent):
     followed = {
         "spindle": Followed("nonesuch"),
-        "load": Followed("twice", is_temperature=False),
+        "load": Followed("twice", temperature=None),
         "speed": Followed("s1"),
-        "column": Followed("t2", unit=TemperatureUnit.CELSIUS),
+        "column": Followed("t2", TemperatureTable(unit="CELSIUS")),
     }
     with listening(agent) as url:
         async with following(url, followed) as seen:

@@ -12,6 +12,7 @@ from asyncua import ua
 
 from app import supervision
 from app.connections import opcua_client, opcua_session
+from app.connections.connection import TemperatureTable
 from app.connections.opcua_client import Followed, Found, ServerFollower
 from app.connections.opcua_observations import (
     Observed,
@@ -101,8 +102,8 @@ def server(process):
 
 FOLLOWED = {
     "x-middle": Followed("ns=2;s=X"),
-    "z-column": Followed(f"nsu={URI};s=Z", unit=TemperatureUnit.FAHRENHEIT),
-    "spindle_rpm": Followed("ns=2;s=Speed", is_temperature=False),
+    "z-column": Followed(f"nsu={URI};s=Z", TemperatureTable(unit="FAHRENHEIT")),
+    "spindle_rpm": Followed("ns=2;s=Speed", temperature=None),
 }
 BEGUN = {"x-middle": 21.5, "z-column": pytest.approx(20.0), "spindle_rpm": 8000.0}
 
@@ -210,10 +211,10 @@ async def test_wrong_nodes_and_units_are_said_and_the_others_followed(server):
         "elsewhere": Followed("nsu=urn:other;s=X"),
         "folder": Followed("i=85"),
         "stated": Followed("ns=2;s=Stated"),
-        "swapped": Followed("ns=2;s=Stated", unit=TemperatureUnit.CELSIUS),
+        "swapped": Followed("ns=2;s=Stated", TemperatureTable(unit="CELSIUS")),
         "length": Followed("ns=2;s=Length"),
         "text": Followed("ns=2;s=Text"),
-        "flag": Followed("ns=2;s=Flag", is_temperature=False),
+        "flag": Followed("ns=2;s=Flag", temperature=None),
     }
     async with following(server.url, followed) as seen:
         await seen.until(lambda: len(seen.known) == 7)

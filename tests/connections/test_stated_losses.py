@@ -4,13 +4,16 @@ import asyncio
 import json
 
 import pytest
+from pydantic import ValidationError
 
 pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed")
 pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
 
 from app.connections.config import read_connections
+from app.connections.connection import TemperatureTable
 from app.connections.mqtt_tables import SparkplugTable
 from app.connections.sparkplug_follower import SparkplugFollower
+from app.errors import InvalidContent
 from tests.connections.mtconnect_agent_example import ExampleAgent, listening
 from tests.connections.test_mqtt_limits import Messages, Taking, carry, connection_of
 from tests.connections.test_mqtt_messages import payload
@@ -63,6 +66,51 @@ async def test_tenths_of_a_degree_have_a_factor():
     assert intake.offered == [{"x": pytest.approx(20.0)}]
 
 
+@pytest.mark.parametrize(
+    ("stated", "raw", "expected"),
+    [
+        ({"factor": 0.1}, 243.0, 24.3),  # not 24.300000000000004
+        ({"factor": 0.1, "unit": "FAHRENHEIT"}, 680.0, 20.0),
+        ({"factor": 100.0 / 27648, "offset": -20.0}, 11059.2, 20.0),  # raw counts of a PLC
+        ({"factor": -0.01, "offset": 120.0}, 9550.0, 24.5),  # a resistance that falls
+        ({"offset": -0.35}, 20.85, 20.5),
+        ({"offset": 250.0, "unit": "KELVIN"}, 43.15, 20.0),  # the offset is in the unit
+    ],
+)
+async def test_raw_numbers_have_a_factor_and_an_offset(stated, raw, expected):
+    assert TemperatureTable(**stated).to_c(raw) == expected
+    intake = await carry([json.dumps({"t": raw}).encode()], value="t", **stated)
+    assert intake.offered == [{"x": expected}]
+
+
+@pytest.mark.parametrize("factor", [0.0, 1e7, float("nan"), float("inf")])
+def test_a_factor_that_is_none_is_refused(factor):
+    with pytest.raises(ValidationError, match="factor"):
+        TemperatureTable(factor=factor)
+
+
+@pytest.mark.parametrize(
+    ("kind", "item"), [("mtconnect", 'item = "s"'), ("opcua", 'node = "ns=2;s=S"')]
+)
+def test_a_state_is_taken_as_it_is_and_no_factor_passed_over(tmp_path, kind, item):
+    where = {"mtconnect": 'url = "http://h"', "opcua": 'endpoint = "opc.tcp://h"'}[kind]
+    path = tmp_path / "thermap.toml"
+    path.write_text(
+        f'[[{kind}]]\nname = "a"\nmachine = "m"\n{where}\n[{kind}.sensors]\nx = {{ {item} }}\n'
+        f"[{kind}.state]\nrpm = {{ {item}, factor = 0.1 }}\n"
+    )
+    with pytest.raises(InvalidContent, match=r"state\.rpm\.factor"):
+        read_connections(path)
+
+
+@pytest.mark.parametrize("text", ["２０", "２０．５", "٢٠", "2０.5"])
+async def test_digits_of_other_scripts_are_refused(text):
+    intake = await carry([text.encode(), json.dumps({"v": text}).encode()])
+    intake_of_json = await carry([json.dumps({"v": text}).encode()], value="v")
+    assert intake.offered == intake_of_json.offered == []
+    assert "expected a number, got" in intake_of_json.refused[0]
+
+
 def test_tenths_of_a_degree_by_sparkplug():
     intake = Taking()
     intake.offer = lambda _machine, temperatures_c, *_rest: intake.offered.append(temperatures_c)
@@ -93,7 +141,7 @@ def test_tenths_of_a_degree_by_opcua():
 
     follower = ServerFollower(
         Access("opc.tcp://h"),
-        {"x": Followed("ns=2;s=X", factor=0.1)},
+        {"x": Followed("ns=2;s=X", TemperatureTable(factor=0.1))},
         lambda _found: None,
         lambda: None,
         publishing_s=1.0,

@@ -75,7 +75,7 @@ def test_what_is_believable_in_celsius_is_not_taken_for_kelvin():
 def test_the_sentence_on_kelvin_says_what_was_meant():
     assert Sensor("spindle").expectation(295.25) == (
         "expected a temperature of spindle from -50 to 150 °C, got 295.25, which would be "
-        "22.10 °C if it was meant in kelvin"
+        "22.10 °C if it was meant in kelvin, and 29.52 °C in tenths of a degree"
     )
     assert "kelvin" not in Sensor("spindle").expectation(999.0)
 

@@ -41,7 +41,7 @@ _STATED_DELIMITER: Final = re.compile(r'"?sep=([^\w\s"]|\t)"?[\s;,]*', re.I)
 _STATEMENT: Final = re.compile(r"(label|measured[_ ]at|machine|temperature .+)", re.I)
 """What stands above the columns, in a comment line."""
 
-_THOUSANDS: Final = re.compile(r"[+\N{MINUS SIGN}-]?[1-9]\d{0,2}([.,])\d{3}")
+_THOUSANDS: Final = re.compile(r"[+\N{MINUS SIGN}-]?[1-9]\d{0,2}([.,])\d{3}", re.ASCII)
 """A number of which nobody knows whether its mark parts decimals or thousands."""
 
 _BYTE_ORDER_MARK: Final = "\N{ZERO WIDTH NO-BREAK SPACE}"

@@ -32,7 +32,9 @@ from app.geometry.components import LINEAR_LETTERS
 BEGINS: Final = re.compile(r"\s*HEADER\s*::", re.I)
 
 _SECTION: Final = re.compile(r"([A-Z][A-Z \t-]*)::", re.I)
-_NUMBER: Final = re.compile(r"[+-]?(?:\d{1,9}(?:[.,]\d{0,12})?|[.,]\d{1,12})(?:[eE][+-]?\d{1,2})?")
+_NUMBER: Final = re.compile(
+    r"[+-]?(?:\d{1,9}(?:[.,]\d{0,12})?|[.,]\d{1,12})(?:[eE][+-]?\d{1,2})?", re.ASCII
+)
 _COUNT: Final = re.compile(r"\d{1,6}", re.ASCII)
 _AXIS: Final = re.compile(r"(?<![A-Z0-9])([XYZ])\d?(?![A-Z0-9])", re.I)
 
