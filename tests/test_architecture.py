@@ -19,7 +19,7 @@ PACKAGE = Path(app.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = [
-    {"units", "errors", "arrays", "answer", "csv_text", "foreign_text"},
+    {"units", "errors", "arrays", "answer", "csv_text", "decimal_text", "foreign_text"},
     {"geometry", "supervision"},
     {"thermal"},
     {"compensation", "measurement", "pictures", "simulation"},
@@ -46,7 +46,17 @@ MAY_USE_THE_CLIENT = {"cli", "__init__"}
 """The command line speaks to the service as users do; the version stands in `thermap`."""
 
 PURE = {
-    *("units", "errors", "arrays", "answer", "csv_text", "foreign_text", "geometry", "thermal"),
+    *(
+        "units",
+        "errors",
+        "arrays",
+        "answer",
+        "csv_text",
+        "decimal_text",
+        "foreign_text",
+        "geometry",
+        "thermal",
+    ),
     *(
         "compensation",
         "controllers",

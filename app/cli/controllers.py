@@ -13,7 +13,6 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.api.files.decimal_text import read_number
 from app.cli.answers import listing
 from app.cli.console import console
 from app.cli.options import (
@@ -28,6 +27,7 @@ from app.cli.options import (
     read_point,
 )
 from app.cli.terminal import write_document
+from app.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from app.pages.report_parts.words import sentence
 from thermap import DEFAULT_URL, calls

@@ -31,8 +31,8 @@ from app.api.files.csv_columns import (
     normal_heading,
 )
 from app.api.files.csv_verification import STATE
-from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText, Problems, Row, read_delimited
+from app.decimal_text import read_number
 from app.errors import list_names
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from app.api.files.decimal_text import read_number
 from app.cli.terminal import printable_lines
+from app.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from app.units import read_time as read_iso_time
 from thermap import DEFAULT_URL, URL_VARIABLE

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from app.api.files.decimal_text import read_number
 from app.cli.analyse_files import read_verifications
 from app.cli.controllers import write_files
 from app.cli.import_checks import settings_of_stored
@@ -24,6 +23,7 @@ from app.cli.options import (
     read_time,
 )
 from app.cli.terminal import echo
+from app.decimal_text import read_number
 from app.errors import counted, list_names
 from app.measurement.positioning import RUNS_OF_THE_STANDARD
 from app.programs.body_diagonal import RUNS, body_diagonal_program

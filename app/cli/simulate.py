@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from app.api.files.decimal_text import read_number
 from app.cli.options import (
     LabelOption,
     MachineArgument,
@@ -29,6 +28,7 @@ from app.cli.simulate_campaign import simulate_campaign
 from app.cli.simulate_thermal_drift import simulate_thermal_drift
 from app.cli.simulate_verification import simulate_verification
 from app.cli.terminal import echo
+from app.decimal_text import read_number
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
 from app.measurement.step_diagonal_readings import TARGETS

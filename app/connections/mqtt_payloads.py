@@ -11,11 +11,11 @@ from typing import Any, Final, TypeGuard
 
 import orjson
 
+from app.decimal_text import read_number
 from app.errors import ThermapError
 from app.foreign_text import shown
 from app.units import MS_PER_S, read_time, time_since_1970
 
-_NUMBER: Final = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?", re.ASCII)
 _STEP: Final = re.compile(r'(?:^|(?<!^)\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
 
 SHOWN: Final = 60
@@ -99,9 +99,10 @@ def read_text(payload: bytes) -> float:
     21.5
     """
     text = payload[: SHOWN * 4].decode("utf-8", "replace").strip()
-    if len(payload) > SHOWN * 4 or not _NUMBER.fullmatch(text):
+    number = read_number(text, decimal_comma=False)
+    if len(payload) > SHOWN * 4 or number is None:
         raise Unusable(f"expected a number, got {text[:SHOWN]!r}")
-    return float(text)
+    return number
 
 
 def read_json(payload: bytes) -> Any:

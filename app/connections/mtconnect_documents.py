@@ -7,7 +7,6 @@ since the first: the header's sequence numbers, and observations with `dataItemI
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -16,6 +15,7 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
+from app.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from app.foreign_text import shown
 
@@ -24,10 +24,6 @@ UNAVAILABLE: Final = "UNAVAILABLE"
 
 SHOWN: Final = 80
 """Of a text that cannot be read [characters]."""
-
-
-LONGEST_NUMBER: Final = 40
-"""Of a value as text [characters]."""
 
 CODES: Final = 5
 """Of an error document that are repeated."""
@@ -215,17 +211,9 @@ def _observation(element: Element) -> Observation | None:
         name=element.attrib.get("name", ""),
         sequence=int(sequence),
         text=text[:SHOWN],
-        value=_number_of(text),
+        value=read_number(text, decimal_comma=False),
         keys=list_names(keys, CODES) if keys else None,
     )
-
-
-def _number_of(text: str) -> float | None:
-    try:
-        value = float(text) if len(text) <= LONGEST_NUMBER else math.nan
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
 
 
 def _local(element: Element) -> str:

@@ -166,6 +166,10 @@ class Written(ExampleAgent):
     ("element", "words"),
     [
         (
+            '<Temperature dataItemId="t1" sequence="1">２０</Temperature>',
+            "spindle: expected a number, got '２０'",
+        ),
+        (
             '<TemperatureDataSet dataItemId="t1" sequence="1" count="2"><Entry key="front">24.5'
             '</Entry><Entry key="rear">25.5</Entry></TemperatureDataSet>',
             "spindle: expected a number, got a data set or table with the keys front, rear",

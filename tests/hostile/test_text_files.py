@@ -10,12 +10,12 @@ from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import parse_csv_error_map
 from app.api.files.csv_measurements import read_csv_measurement
 from app.api.files.csv_verification import parse_csv_verification
-from app.api.files.decimal_text import LONGEST_NUMBER, read_number
 from app.api.files.delimited_text import Problems, UnreadableFile, parse_delimited, split_lines
 from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from app.controllers import lines
 from app.controllers.format import ControllerFile
 from app.controllers.registry import FORMATS
+from app.decimal_text import LONGEST_NUMBER, read_number
 from app.errors import InvalidContent
 from app.geometry.components import unknown_component
 

@@ -27,8 +27,8 @@ from app.api.files.csv_columns import (
     named,
     normal_heading,
 )
-from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText, Row
+from app.decimal_text import read_number
 from app.errors import list_names
 from app.geometry.components import LINEAR_LETTERS, Component, find_component
 from app.thermal.error_map import impossible_error

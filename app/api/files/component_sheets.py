@@ -18,7 +18,6 @@ from app.api.files.component_columns import (
 )
 from app.api.files.csv_columns import normal_heading
 from app.api.files.csv_comments import CELSIUS, without_unit
-from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import (
     Comment,
     DelimitedText,
@@ -27,6 +26,7 @@ from app.api.files.delimited_text import (
     parse_delimited,
 )
 from app.api.files.table_limits import MOST_CELLS
+from app.decimal_text import read_number
 from app.errors import list_names
 
 _NAMES: Final = {

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from app.api.files.code_pages import UNREADABLE
 from app.api.files.csv_columns import LENGTH, Named, named, normal_heading, symbol_of
-from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import Comment, DelimitedText, Problems
+from app.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from app.units import read_time
 

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from app.api.files.code_pages import decoded
-from app.api.files.decimal_text import read_number
 from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, MOST_LINES, NoTable
 from app.api.files.workbooks import read_sheets as cells_of_sheets
 from app.csv_text import without_marks
+from app.decimal_text import read_number
 from app.errors import ThermapError, counted, list_names
 
 Message: TypeAlias = str | Callable[[], str]

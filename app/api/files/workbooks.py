@@ -18,8 +18,8 @@ from datetime import datetime, timedelta
 from typing import Final
 from xml.parsers import expat
 
-from app.api.files.decimal_text import LONGEST_NUMBER
 from app.api.files.table_limits import LONGEST_CELL, MOST_CELLS, MOST_COLUMNS, MOST_LINES, NoTable
+from app.decimal_text import LONGEST_NUMBER, read_number
 from app.units import SECONDS_PER_DAY
 
 MOST_UNPACKED: Final = 64 * 1024 * 1024
@@ -434,13 +434,14 @@ class _Sheet(_Reader):
             return self.book.strings[int(value[:LONGEST_NUMBER])]
         if self._kind == "b":
             return str(value not in ("0", "false"))
-        if self._kind != "n" or len(value) > LONGEST_NUMBER:
+        number = read_number(value, decimal_comma=False)
+        if self._kind != "n" or number is None:
             return value
         kind = self.book.dates.get(int(self._style[:LONGEST_NUMBER] or 0))
         try:
             if kind is not None:
-                return self.book.date(float(value), is_duration=kind == "duration")
-            return str(float(value)) if set(value) & set(".eE") else str(int(value))
+                return self.book.date(number, is_duration=kind == "duration")
+            return str(number) if set(value) & set(".eE") else str(int(value))
         except ValueError:
             return value
 

@@ -19,7 +19,6 @@ from app.api.dependencies import (
 from app.api.evaluations import EVALUATIONS
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap
-from app.api.files.decimal_text import read_number
 from app.api.files.uploaded_map import read_uploaded_map
 from app.api.pages import Page
 from app.api.router import Router
@@ -29,6 +28,7 @@ from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
+from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
 from app.pages.dashboard.maps import upload_preview
 from app.services.error_maps import preview_error_map

@@ -16,8 +16,8 @@ from app.api.files.csv_measurements.formats import (
     Format,
     word_among,
 )
-from app.api.files.decimal_text import read_number
 from app.api.files.delimited_text import DelimitedText
+from app.decimal_text import read_number
 from app.errors import InvalidContent
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
