@@ -1,4 +1,4 @@
-"""The requests of `scripts/http_requests.sh`: read, and found again in docs/http.md."""
+"""Read the requests of `scripts/http_requests.sh`, and say which routes they show."""
 
 from __future__ import annotations
 
@@ -92,12 +92,6 @@ def requests_of_script() -> list[CurlRequest]:
     return [CurlRequest.of(paragraph) for paragraph in paragraphs]
 
 
-def requests_of_page(page: str) -> list[CurlRequest]:
-    """Find the requests in docs/http.md, in their order."""
-    blocks = re.findall(r"^```sh\n(.*?)\n```$", page, flags=re.DOTALL | re.MULTILINE)
-    return [CurlRequest.of(block) for block in blocks]
-
-
 def route_of(request: CurlRequest, document: dict[str, Any]) -> tuple[str, str]:
     """Find the route that answers a request: its method and path as the document has them.
 
@@ -118,32 +112,10 @@ def route_of(request: CurlRequest, document: dict[str, Any]) -> tuple[str, str]:
     return request.method.lower(), min(fitting, key=lambda path: path.count("{"))
 
 
-def requests_by_route(
-    requests: Sequence[CurlRequest], document: dict[str, Any]
-) -> dict[tuple[str, str], list[CurlRequest]]:
-    """Part requests by their routes, in their order.
-
-    Raises
-    ------
-    ValueError
-        If a route's requests do not stand together: the page would have another order.
-    """
-    found: dict[tuple[str, str], list[CurlRequest]] = {}
-    for request in requests:
-        route = route_of(request, document)
-        if route in found and route != list(found)[-1]:
-            raise ValueError(
-                f"expected all requests of {route[0].upper()} {route[1]} one after the other, "
-                f"got apart from them\n{request.text}"
-            )
-        found.setdefault(route, []).append(request)
-    return found
-
-
 def routes_without_request(
     requests: Sequence[CurlRequest], document: dict[str, Any]
 ) -> list[tuple[str, str]]:
     """List the document's routes that no request shows: method and path."""
-    shown = requests_by_route(requests, document)
+    shown = {route_of(request, document) for request in requests}
     routes = ((m, path) for path, operations in document["paths"].items() for m in operations)
     return [route for route in routes if route not in shown]

@@ -1,12 +1,10 @@
-# Every request of docs/http.md, in the order in which they work against `thermap demo`.
+# A request for every route, in the order in which they work against `thermap demo`.
 #
 # Above each stands the status of its answer and what it is for; an empty line parts them.
-# Requests of one route stand together.
 # What is looked at is the demo's machine, mcfv5050. What is changed is a machine `practice`
 # that these requests make, and delete at the end; numbers of maps, verifications and
 # analyses are those of a new database.
-# `python scripts/write_http_reference.py` writes them into the page, each under its route,
-# and the routes in this order. A route that is not here fails tests/test_http_requests.py.
+# A route that is not here fails tests/test_http_requests.py, which sends them all.
 
 # 200: does it live?
 curl http://127.0.0.1:8000/healthz

@@ -26,7 +26,7 @@ from datamodel_code_generator.enums import DataModelType
 from datamodel_code_generator.format import Formatter, PythonVersion
 from datamodel_code_generator.parser import LiteralType
 
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 
 PACKAGE: Final = Path(__file__).parent.parent / "thermap"
 

@@ -18,7 +18,7 @@ from sqlalchemy import select
 from app.main import create_app
 from app.settings import Settings
 from app.storage.tables import Base
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 
 START = datetime(2026, 3, 1, 6, 0, tzinfo=UTC)
 """When the tests' clock stands."""

@@ -19,7 +19,7 @@ import pytest
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 from tests.service_examples import MACHINE, START, error_map, furnish_database, reading, table
 from thermap import (
     DEFAULT_URL,

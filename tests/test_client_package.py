@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 import thermap
 from app.cli.listening import listening, serving, url_of
 from app.geometry.components import COMPONENTS
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 from tests.service_examples import furnish_database, running
 from thermap import answers, requests
 from thermap.shape import Shape

@@ -1,4 +1,4 @@
-"""docs/http.md has a request for every route, and each is answered as the page says."""
+"""scripts/http_requests.sh has a request for every route, and each is answered as it says."""
 
 import time
 from datetime import UTC, datetime
@@ -8,23 +8,27 @@ import httpx
 import pytest
 
 from app.cli.demo_machine import set_up
-from scripts.http_requests import SCRIPT, CurlRequest, requests_of_page, routes_without_request
-from scripts.write_http_reference import PAGE, openapi_document
+from scripts.http_requests import (
+    SCRIPT,
+    CurlRequest,
+    requests_of_script,
+    routes_without_request,
+)
+from scripts.openapi_document import openapi_document
 from tests.service_examples import client_of, running
 from thermap import ThermapClient
 
-REQUESTS = requests_of_page(PAGE.read_text(encoding="utf-8"))
+REQUESTS = requests_of_script()
 
 ANALYSIS = "/v1/machines/practice/analyses/1"
 
 
-def test_every_route_has_a_request_in_the_reference():
+def test_every_route_has_a_request():
     missing = routes_without_request(REQUESTS, openapi_document())
     routes = ", ".join(f"{method.upper()} {path}" for method, path in missing)
     assert not missing, (
-        f"docs/http.md has no request for {routes}: write one into scripts/{SCRIPT.name}, where it "
-        "works with what the requests before it made, and run `python "
-        "scripts/write_http_reference.py`"
+        f"there is no request for {routes}: write one into scripts/{SCRIPT.name}, where it "
+        "works with what the requests before it made"
     )
 
 

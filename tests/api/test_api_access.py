@@ -28,7 +28,7 @@ from app.settings import Settings
 from app.storage.access_keys import keys_by_digest
 from app.storage.database import Database
 from app.storage.tables import AccessKeyRow, EventRow
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 from tests.service_examples import (
     MACHINE,
     ROOM,

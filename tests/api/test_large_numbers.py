@@ -6,7 +6,7 @@ import typing
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 
 pytestmark = pytest.mark.anyio
 

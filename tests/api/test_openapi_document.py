@@ -8,7 +8,7 @@ import pytest
 
 from app.api.openapi import DOCUMENT
 from app.units import unit_of_field
-from scripts.write_http_reference import openapi_document
+from scripts.openapi_document import openapi_document
 
 NO_UNIT = {
     *("weight", "r", "confidence_95", "ratio", "ratios", "exaggeration"),

@@ -36,10 +36,10 @@ ASKED_AHEAD = 3
 """So many analyses of each machine wait or run at any time."""
 
 MOST_TAKES = 3
-"""What was begun so often, and lost its process each time, fails (docs/jobs.md)."""
+"""What was begun so often, and lost its process each time, fails (docs/fleet.md)."""
 
 TAKEN_UP_AFTER_S = 15.0
-"""Nobody takes up sooner what a killed worker ran (docs/jobs.md): until then it is to be gone."""
+"""Nobody takes up sooner what a killed worker ran (docs/fleet.md): until then it is to be gone."""
 
 NOTHING_ENDS_S = 240.0
 """Where nothing comes to an end for so long, something hangs: three takes need less."""
