@@ -3,5 +3,4 @@
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-METHODS = sorted((ROOT / "docs" / "methods").glob("*.md"))
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")), *METHODS]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -145,7 +145,7 @@ def test_each_method_takes_what_its_file_says(method):
 
 
 def test_the_pages_complaint_is_the_real_one():
-    (shown,) = re.findall(r"^    (feed\.csv, .*)$", PAGE.read_text(encoding="utf-8"), re.M)
+    (shown,) = re.findall(r"^ +(feed\.csv, .*)$", PAGE.read_text(encoding="utf-8"), re.M)
     text = "# axis: x\nposition_mm,linear [mm]\n0,0\n50,0.001\n100,abc\n"
     with pytest.raises(UnreadableFile) as caught:
         read_measurement("six-dof", text, name="feed.csv")
