@@ -36,6 +36,7 @@ from app.measurement.thermal_drift import evaluate_thermal_drift
 from examples.measured.data_folder import data_folder
 
 PAGE = Path(__file__).parents[2] / "docs" / "methods" / "files.md"
+BODIES = json.loads(Path(__file__).with_name("measurement_bodies.json").read_text("utf-8"))
 
 STATE = """\
 # label: Run #1
@@ -50,12 +51,12 @@ def read_measurement(method, text, **options):
 
 
 def examples():
-    """Find the file and the body of each section of the page."""
+    """Find the file of each section of the page, and the body that it is to give."""
     sections = PAGE.read_text(encoding="utf-8").split("\n## ")[1:]
     for section in sections:
         (table,) = re.findall(r"```csv\n(.*?)```", section, re.S)
-        (body,) = re.findall(r"```json\n(.*?)```", section, re.S)
-        yield section.splitlines()[0], table, json.loads(body)
+        method = section.splitlines()[0]
+        yield method, table, BODIES[method]
 
 
 EXAMPLES = {method: (table, body) for method, table, body in examples()}
@@ -73,7 +74,7 @@ def test_the_page_has_a_file_of_every_method():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_files_on_the_page_have_the_bodies_beside_them(method):
+def test_the_files_on_the_page_have_their_bodies(method):
     table, body = EXAMPLES[method]
     found = read_csv_measurement(method, table)
     assert found.body == body
