@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from app.api.files.contract_json import read_json
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile
-from app.api.files.instrument_files import instrument_format
+from app.api.files.file_kind import FileKind
 from app.api.files.verification_check import check_verification, complain_of_fields
 from app.api.schemas.verifications import VerificationRequest
-from app.cli.contract_json import read_json
-from app.cli.import_checks import choose_machine, naming, show_what_was_read
+from app.cli.import_checks import choose_machine, naming, refusing_other_kind, show_what_was_read
 from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.geometry.components import parse_component
@@ -80,7 +80,8 @@ def read_verifications(
     complaints: list[str] = []
     for file in files:
         try:
-            found.append(_read(file, machine, is_planned))
+            with refusing_other_kind(FileKind.CHECK, file):
+                found.append(_read(file, machine, is_planned))
         except UnreadableFile as error:
             complaints.append(error.detail)
     if complaints:
@@ -141,12 +142,6 @@ def store_verifications(
 
 def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:
     problems = Problems(file)
-    if written := instrument_format(file):
-        problems.add(
-            f"expected a verification as CSV or JSON, got {written.name}: `thermap import --method "
-            f"{written.method} {file} --machine {machine}` makes an error map of it"
-        )
-        problems.raise_if_any()
     if file.suffix.lower() == ".json":
         body = read_json(file, problems)
         if is_planned:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from app.api.files.csv_comments import Stated
+from app.api.files.delimited_text import UnreadableFile
+from app.api.files.file_kind import FileKind, OtherKind, refuse_other_kind
 from app.cli.answers import shell_words
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.terminal import echo
@@ -119,6 +121,20 @@ def naming(file: Path, unsent: Sequence[Path] = (), before: str = "") -> Iterato
         rest = f" (not sent after it: {list_names(map(str, unsent))})" if unsent else ""
         why = error.sentence if isinstance(error, ThermapClientError) else error.detail
         raise NotImported(f"{before}{file}: {why}{rest}") from error
+
+
+@contextmanager
+def refusing_other_kind(expected: FileKind, file: Path) -> Iterator[None]:
+    """Say of a file that cannot be read as expected which other kind it holds, where it does."""
+    try:
+        yield
+    except UnreadableFile:
+        if file.is_file():
+            try:
+                refuse_other_kind(expected, file.read_bytes(), file)
+            except OtherKind as other:
+                raise UnreadableFile(other.detail) from None
+        raise
 
 
 def show_preview(file: Path, preview: PreviewAnswer, *, alone: bool = False) -> None:

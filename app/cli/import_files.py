@@ -9,16 +9,15 @@ from typing import Annotated, Final
 
 import typer
 
+from app.api.files.contract_json import read_contract_json
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import read_csv_error_map
-from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
+from app.api.files.file_kind import FileKind
 from app.api.files.instrument_files import InstrumentFormat, instrument_format
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
-from app.cli.answers import shell_words
-from app.cli.contract_json import read_contract_json
 from app.cli.import_checks import (
     ImportMode,
     choose_machine,
@@ -26,6 +25,7 @@ from app.cli.import_checks import (
     expect_sensors,
     naming,
     note_unassigned_components,
+    refusing_other_kind,
     report_stored_map,
     settings_of_stored,
     show_preview,
@@ -238,32 +238,18 @@ def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> lis
 
 
 def _read_csv(file: Path, stated: Stated) -> ImportedFile:
-    try:
+    with refusing_other_kind(FileKind.MAP, file):
         found = read_csv_error_map(file, stated)
-    except UnreadableFile:
-        if not _is_verification(file):
-            raise
-        raise UnreadableFile(
-            f"{file}: expected an error map, got check measurements with their times: `thermap "
-            f"verifications store {shell_words([str(file)])}` stores them"
-        ) from None
     return ImportedFile(
         file, error_maps=[found.error_map], machine=found.machine or "", remarks=found.remarks
     )
 
 
-def _is_verification(file: Path) -> bool:
-    """Whether a file can be read as a verification."""
-    try:
-        read_csv_verification(file)
-    except UnreadableFile:
-        return False
-    return True
-
-
 def _read_json(file: Path) -> ImportedFile:
     one = ImportedFile(file)
-    for content in read_contract_json(file):
+    with refusing_other_kind(FileKind.MAP, file):
+        contents = read_contract_json(file)
+    for content in contents:
         if isinstance(content, MachineSettings):
             one.machines.append(content)
         elif isinstance(content, ErrorMapSchema):

@@ -11,6 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
+from app.api.files.contract_json import read_json
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_measurements import FORMATS, CsvMeasurement, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, read_text
@@ -25,7 +26,6 @@ from app.api.schemas.measurements.parts import (
     RotaryAxisRequest,
 )
 from app.cli.console import console
-from app.cli.contract_json import read_json
 from app.cli.import_checks import (
     ImportMode,
     choose_machine,

@@ -162,7 +162,8 @@ def read_of_map(error_map: ErrorMap) -> WhatWasRead:
 def read_of_verification(found: Verification) -> WhatWasRead:
     """Say what was read of a verification."""
     times = [one.time_s for one in found.observations]
-    first, last = (datetime.fromtimestamp(t, UTC) for t in (min(times), max(times)))
+    ends = (datetime.fromtimestamp(t, UTC) for t in (min(times), max(times)))
+    span = " to ".join(dict.fromkeys(f"{end:%Y-%m-%d %H:%M:%S}" for end in ends))
     setups = {one.setup for one in found.observations if one.setup is not None}
     lines: dict[str, dict[float, list[tuple[float, float]]]] = {}
     for one in found.observations:
@@ -173,7 +174,7 @@ def read_of_verification(found: Verification) -> WhatWasRead:
             ("check", f"‘{found.label}’"),
             ("zero", ZEROS[found.datum]),
             ("repeatability", _repeatability(found.repeatability_um)),
-            ("measured", f"{first:%Y-%m-%d %H:%M:%S} to {last:%Y-%m-%d %H:%M:%S} UTC"),
+            ("measured", f"{span} UTC"),
             ("set-ups", list_names(sorted(setups)) if setups else NOT_STATED),
         ],
         [ReadComponent(name, _unit(name), of_ways) for name, of_ways in sorted(lines.items())],

@@ -48,6 +48,7 @@ class LoopView:
 
     machine_id: str
     machine_name: str
+    sensors: Sequence[str]
     active_version: int | None
     next_version: int
     verifications: Sequence[StoredVerification]
@@ -76,9 +77,11 @@ def show_loop(context: Context, machine_id: str, analysis_id: int | None = None)
         analyses = list_analyses(session, machine_id)
         chosen, result = _chosen(session, machine_id, analyses, analysis_id)
         verifications = list_verifications(session, machine_id)
+        machine = stored_machine(row).machine
         view = LoopView(
             machine_id=machine_id,
-            machine_name=stored_machine(row).machine.name,
+            machine_name=machine.name,
+            sensors=tuple(machine.sensors),
             active_version=row.active_version,
             next_version=(newest_number(session, machine_id) or 0) + 1,
             verifications=verifications,

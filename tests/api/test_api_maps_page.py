@@ -12,6 +12,7 @@ from tests.service_examples import ROOM, START, iso, problem, reading
 pytestmark = pytest.mark.anyio
 
 MAPS = "/machines/mcfv5050/maps"
+PREVIEW = "/machines/mcfv5050/files/preview"
 CSV = {"Content-Type": "text/csv"}
 
 SHORT = """# label: short
@@ -41,7 +42,7 @@ async def test_a_file_is_shown_before_it_is_stored_and_then_waits(client):
     await feed(client, reading(START, 27.0))
     before = (await client.get(f"{ROOM}/error-maps")).json()
     asked = {"name": "run-9.csv"}
-    found = await client.post(f"{MAPS}/preview", params=asked, content=SHORT, headers=CSV)
+    found = await client.post(PREVIEW, params=asked, content=SHORT, headers=CSV)
     assert found.status_code == 200, found.text
     assert "Storing this map would lose EXX" in found.text
     assert "Keep as waiting" in found.text
@@ -59,7 +60,7 @@ async def test_a_file_is_shown_before_it_is_stored_and_then_waits(client):
 
 async def test_what_is_wrong_in_a_file_is_said_with_line_and_column(client):
     route = f"{ROOM}/error-maps/from-file"
-    for path in (route, f"{MAPS}/preview"):
+    for path in (route, PREVIEW):
         answer = await client.post(
             path,
             params={"name": "run-9.csv"},
@@ -101,7 +102,7 @@ BINARY = {"Content-Type": "application/octet-stream"}
 
 
 async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
-    for path in (f"{ROOM}/error-maps/from-file", f"{MAPS}/preview"):
+    for path in (f"{ROOM}/error-maps/from-file", PREVIEW):
 
         async def send(path=path, **beside):
             query = {"name": "x.rtl"} | beside
@@ -129,7 +130,7 @@ async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
 async def test_an_instruments_file_is_shown_and_stored_as_its_measurement_is(client):
     """A file makes the map that its readings make when they are sent as a measurement."""
     await feed(client, reading(START, 27.0))
-    shown_before = await client.post(f"{MAPS}/preview", params=BESIDE, content=RTL, headers=BINARY)
+    shown_before = await client.post(PREVIEW, params=BESIDE, content=RTL, headers=BINARY)
     assert shown_before.status_code == 200, shown_before.text
     assert "map by positioning ‘cold’" in shown_before.text
     assert "2026-03-01 05:30:00 UTC" in shown_before.text

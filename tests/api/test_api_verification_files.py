@@ -16,6 +16,7 @@ from tests.service_examples import START, iso, problem
 pytestmark = pytest.mark.anyio
 
 ROUTE = f"{PATH}/from-file"
+PREVIEW = "/machines/mcfv5050/files/preview"
 CSV = {"Content-Type": "text/csv"}
 ROWS = [
     ["time", "component", "position_mm", "measured_um"],
@@ -114,7 +115,7 @@ async def test_what_was_read_is_shown_before_it_is_stored(client, name):
     if name.endswith("json"):
         content = json.dumps(verification(label="night", datum="first"))
     shown = await client.post(
-        "/machines/mcfv5050/loop/preview", params={"name": name}, content=content, headers=CSV
+        PREVIEW, params={"name": name, "expected": "check"}, content=content, headers=CSV
     )
     assert shown.status_code == 200, shown.text
     for said in ("night", "first: each component", "not stated", "EXX", "4.31", "polyline"):
@@ -133,7 +134,10 @@ async def test_other_machines_files_and_other_kinds_are_refused(client):
     (said,) = await refused(client, "# machine: another\n" + NIGHT)
     assert "'another'" in said
     (said,) = await refused(client, "HEADER::\nFile type: Linear\nTARGETS ::\n", "x.rtl")
-    assert "expected a verification as CSV, got Renishaw's linear .rtl" in said
+    assert said == (
+        "x.rtl: expected check measurements with their times, got an error map: "
+        "`thermap import x.rtl` makes a map of it"
+    )
     problem(await client.post(ROUTE, content=NIGHT), 415)
 
 

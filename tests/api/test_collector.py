@@ -105,7 +105,7 @@ def sending_from(app, address):
     [
         (f"{ROOM}/verifications/from-file", verification_files, "read_uploaded_verification"),
         (f"{ROOM}/error-maps/from-file", map_files, "read_uploaded_map"),
-        ("/machines/mcfv5050/maps/preview", map_files, "read_uploaded_map"),
+        ("/machines/mcfv5050/files/preview", map_files, "read_uploaded_map"),
     ],
 )
 async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(

@@ -347,7 +347,7 @@ def test_a_map_is_shown_before_it_is_stored_and_versions_go_back(chromium, shop)
         file = {"name": "run9.csv", "mimeType": "text/csv", "buffer": MAP_CSV.encode()}
         page.set_input_files("#file", file)
         expect(page.locator("#preview")).to_contain_text("EXX")
-        expect(page.locator("#upload-state")).to_have_text("run9.csv: nothing is stored yet")
+        expect(page.locator("#preview")).to_contain_text("run9.csv · map ‘Run #9’: nothing is")
         page.get_by_role("button", name="Discard").click()
         expect(page.locator("#preview")).to_be_empty()
         expect(page.locator(".timeline li")).to_have_count(3)

@@ -89,7 +89,13 @@ def test_a_few_values_are_typed_in(chromium, shop):
         # A row without an error is none.
         page.locator("#typed-more").click()
         assert barriers(page) == []
-        page.locator("#typed button[type=submit]").click()
+        page.locator("#typed-send").click()
+        read = page.locator("#found")
+        for said in ("‘gauge block’", "absolute: the model's own", "0.5 µm", "EXX", "1.50 µm", "−"):
+            expect(read).to_contain_text(said)
+        expect(read.locator("svg polyline")).to_have_count(2)
+        assert barriers(page) == []
+        page.get_by_role("button", name="Store this check").click()
         expect(page.locator("#answer h1")).to_have_text("9 checks, not analysed yet.")
         rooms = f"{shop.url}{ROOM}/verifications"
         checks = httpx.get(rooms, timeout=60, trust_env=False).json()
@@ -110,6 +116,55 @@ def test_a_few_values_are_typed_in(chromium, shop):
         assert wrong == []
 
 
+COLD = b"""# label: cold
+# measured_at: 2026-03-01T06:00:00Z
+component,position_mm,error_um
+EXX,0,0
+EXX,500,8.2
+"""
+NIGHT = b"time,component,position_mm,measured_um\n2026-03-01T06:00:00Z,EXX,0,1.5\n"
+
+DROPPED = """([place, name, text]) => {
+  const transfer = new DataTransfer();
+  transfer.items.add(new File([text], name));
+  for (const kind of ["dragenter", "dragover", "drop"])
+    document.querySelector(place).dispatchEvent(
+      new DragEvent(kind, { dataTransfer: transfer, bubbles: true, cancelable: true }));
+}"""
+
+
+def test_each_kind_is_shown_and_stored_on_whichever_page_it_is_dropped(chromium, shop):
+    """Anywhere on the page; what a map does not say is asked on the page of checks, too."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        page.goto(f"{shop.url}/machines/campaign/maps")
+        page.evaluate(DROPPED, ["h1", "Night1.csv", NIGHT.decode()])
+        found = page.locator("#found")
+        expect(found).to_contain_text("Night1.csv is a check.")
+        expect(found.locator("svg polyline")).to_have_count(1)
+        expect(page.locator("#override")).to_be_hidden()
+        assert barriers(page) == []
+        page.get_by_role("button", name="Store this check").click()
+        expect(page.locator("#preview")).to_contain_text("Check ‘Night1’ is stored.")
+        page.locator("#preview a").click()
+        expect(page.locator(".checks-room tbody")).to_contain_text("Night1")
+        assert wrong == []
+        rooms = httpx.get(shop.url + ROOM, timeout=60, trust_env=False).json()
+        sensors = [one["name"] for one in rooms["sensors"]]
+        page.evaluate(DROPPED, ["h1", "Cold.csv", COLD.decode()])
+        expect(page.locator("#wrong-temperatures_c")).to_contain_text("got none")
+        expect(page.locator("#preview")).to_contain_text("What the file does not say is asked")
+        for sensor in sensors:
+            page.locator(f'[data-sensor="{sensor}"]').fill("45,5")
+        page.get_by_role("button", name="Show what it would change").click()
+        expect(found).to_contain_text("Cold.csv is an error map.")
+        expect(found).to_contain_text("45.50 °C")
+        expect(found.locator("table.read svg polyline")).to_have_count(1)
+        assert barriers(page) == []
+        page.locator("#preview button[data-do^=store]").first.click()
+        expect(page.locator("#preview")).to_contain_text("Map ‘cold’ is stored")
+        assert all("422" in words for words in wrong)
+
+
 def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, _):
         page.goto(shop.url + LOOP)
@@ -120,10 +175,8 @@ def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
         expect(page.locator("#checks-said [role=alert]")).to_contain_text("Not started.")
         wrong_file = {"name": "run-9.json", "mimeType": "application/json", "buffer": b"{}"}
         page.locator("#file").set_input_files(wrong_file)
-        expect(page.locator("#checks-said [role=alert]")).to_contain_text(
-            "run-9.json was not stored; nothing has changed."
-        )
-        expect(page.locator("#checks-said [role=alert]")).to_contain_text("observations")
+        expect(page.locator("#preview")).to_contain_text("run-9.json was not stored.")
+        expect(page.locator("#preview")).to_contain_text("observations")
 
 
 @pytest.mark.slow
@@ -137,7 +190,7 @@ def test_a_check_is_stored_from_csv(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
         page.locator("#file").set_input_files(csv("night shift.csv", b"# datum;first\n" + good))
-        read = page.locator("#read")
+        read = page.locator("#found")
         expect(read).to_contain_text("night shift.csv: nothing is stored yet")
         expect(read).to_contain_text("first: each component's first value")
         expect(read).to_contain_text("not stated")
@@ -153,8 +206,8 @@ def test_a_check_is_stored_from_csv(chromium, shop):
         expect(left).to_have_attribute("title", re.compile("no reading near enough"))
         assert wrong == []
         page.locator("#file").set_input_files(csv("run-9.csv", good.replace(b"1.5", b"n/a")))
-        refused = page.locator("#checks-said [role=alert]")
-        expect(refused).to_contain_text("run-9.csv was not stored; nothing has changed.")
+        refused = page.locator("#preview")
+        expect(refused).to_contain_text("run-9.csv was not stored.")
         expect(refused).to_contain_text("line 2, column 4 (measured_um): expected a number in µm")
         expect(page.locator(".checks-room tbody")).not_to_contain_text("run-9")
 

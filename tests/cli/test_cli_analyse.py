@@ -271,8 +271,8 @@ def test_an_instruments_file_is_sent_where_it_goes(thermap, client, tmp_path, na
     found = thermap("analyse", MACHINE_ID, "-v", file, columns=300)
     assert (found.exit_code, found.stdout) == (1, "")
     told = plain(found.stderr)
-    assert "expected a verification as CSV or JSON, got Renishaw's linear .rtl" in told
-    assert f"thermap import --method positioning {file} --machine {MACHINE_ID}" in told
+    assert "expected check measurements with their times, got an error map" in told
+    assert f"`thermap import {file}` makes a map of it" in told
 
 
 def test_the_table_counts_what_its_figures_are_of():

@@ -147,9 +147,10 @@ class ComponentTables:
     others: list[Row] = field(default_factory=list)
 
 
-def has_component_columns(text: DelimitedText) -> bool:
-    """Say whether some line names components as columns."""
-    return any(_is_heading(row) for row in _lines(text))
+def component_headings(text: DelimitedText) -> frozenset[str]:
+    """Give the names of all columns in lines that name components; none where no line does."""
+    rows = filter(_is_heading, _lines(text))
+    return frozenset(normal_heading(cell) for row in rows for cell in row.cells if cell)
 
 
 def read_component_tables(

@@ -13,7 +13,7 @@ from typing import Final
 
 from app.api.files.component_columns import (
     ComponentValue,
-    has_component_columns,
+    component_headings,
     read_component_tables,
 )
 from app.api.files.csv_columns import normal_heading
@@ -43,9 +43,10 @@ MOST_NAMED: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class ComponentSheets:
-    """The values of all sheets, and their header lines under the first one's columns."""
+    """The values of all sheets, their header lines under the first one's columns, all headings."""
 
     header: DelimitedText
+    headings: frozenset[str]
     values: Sequence[ComponentValue]
     is_one_sheet: bool
 
@@ -76,7 +77,8 @@ def read_component_sheets(
             problems.add(f"expected at most {MOST_CELLS} cells in all sheets, got more")
             problems.raise_if_any()
     problems.sheet = ""
-    if not any(map(has_component_columns, texts.values())):
+    headings = frozenset().union(*map(component_headings, texts.values()))
+    if not headings:
         return None
     values: list[ComponentValue] = []
     comments: list[Comment] = []
@@ -86,9 +88,8 @@ def read_component_sheets(
         values += tables.values
         comments += [*text.comments, *_stated(tables.others, problems, remarks, title)]
     problems.sheet = ""
-    return ComponentSheets(
-        replace(next(iter(texts.values())), comments=comments), values, len(texts) == 1
-    )
+    header = replace(next(iter(texts.values())), comments=comments)
+    return ComponentSheets(header, headings, values, len(texts) == 1)
 
 
 def _stated(

@@ -327,6 +327,11 @@ def match_columns(text: DelimitedText, things: Iterable[Named]) -> list[Column]:
     ]
 
 
+def has_column(text: DelimitedText, thing: Named) -> bool:
+    """Say whether a column is called so, in whatever unit."""
+    return bool(match_columns(text, (thing,))) or any(map(thing.fails_by_unit, text.headings))
+
+
 def by_field(text: DelimitedText, columns: Iterable[Column]) -> dict[str, Column]:
     """Sort columns by their field; one that stands there twice is noted."""
     found: dict[str, Column] = {}

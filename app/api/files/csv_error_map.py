@@ -34,6 +34,7 @@ from app.api.files.csv_columns import (
     Columns,
     Named,
     by_field,
+    has_column,
     match_columns,
 )
 from app.api.files.csv_comments import Stated, read_comments
@@ -148,6 +149,11 @@ def parse_csv_error_map(sheets: Mapping[str, str], file: Path, stated: Stated) -
     problems.raise_if_any()
     error_map = _checked_map(comments.state | {"components": components}, problems)
     return CsvErrorMap(error_map, comments.machine, remarks)
+
+
+def has_error_columns(text: DelimitedText) -> bool:
+    """Say whether a table's columns hold components and their errors."""
+    return has_column(text, _COMPONENT) and has_column(text, _VALUES[_ERROR])
 
 
 def _read_components(text: DelimitedText, remarks: list[str]) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ from app.api.files.csv_columns import (
     Columns,
     Named,
     find_columns,
+    has_column,
     match_columns,
     names_after,
 )
@@ -78,6 +79,7 @@ _MEASURED: Final = Named("measured", LENGTH)
 _MEASURED_ANGLE: Final = Named("measured_angle", SMALL_ANGLE, ("measured",))
 _MEASURED_SLOPE: Final = Named("measured_slope", SMALL_ANGLE)
 """A second column of angles in another unit: squareness in µm/m beside rotations in µrad."""
+_VALUES: Final = (_MEASURED, _MEASURED_ANGLE)
 _AT_POINTS: Final = tuple(
     tuple(Named(f"{stem}_{axis}", quantity) for axis in LINEAR_LETTERS)
     for stem, quantity in (
@@ -145,6 +147,12 @@ def parse_csv_verification(
         remarks,
         [row.line for row in text.rows],
     )
+
+
+def has_measured_columns(text: DelimitedText) -> bool:
+    """Say whether a table's columns hold what was measured, of components or at points."""
+    of_component = has_column(text, _COMPONENT) and any(has_column(text, v) for v in _VALUES)
+    return of_component or all(has_column(text, one) for one in _MEASURED_AT)
 
 
 def _of_component_columns(
@@ -258,7 +266,7 @@ def _find_columns(
 
 def _second_of_angles(text: DelimitedText) -> Column | None:
     """Find the second column of angles where it is in another unit than the first."""
-    matches = match_columns(text, (_MEASURED, _MEASURED_ANGLE))
+    matches = match_columns(text, _VALUES)
     angles = [column for column in matches if column.thing is _MEASURED_ANGLE]
     if len(angles) != 2 or angles[0].unit == angles[1].unit:
         return None

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.api.files.contract_json import check_contract, json_of
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap, parse_csv_error_map
 from app.api.files.csv_measurements import CsvMeasurement, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, only_sheet, sheets_of
+from app.api.files.file_kind import FileKind, is_json, refuse_other_kind
 from app.api.files.instrument_files import InstrumentFormat, format_of_text
+from app.api.schemas.error_maps import ErrorMapSchema
+from app.api.schemas.machines import MachineSettings
 from app.errors import FieldError, InvalidContent
 
 
@@ -29,7 +33,7 @@ def read_uploaded_map(
 ) -> CsvErrorMap | UploadedMeasurement:
     """Read an error map, or a measurement that makes one, from what is in a file.
 
-    CSV and Excel workbooks hold an error map, or with a stated method its readings; files as
+    CSV, Excel workbooks and JSON hold an error map, or with a stated method its readings; files as
     instruments write them say themselves which method it was.
 
     Parameters
@@ -48,14 +52,19 @@ def read_uploaded_map(
     InvalidContent
         With an entry, under `file`, for everything that is wrong in the words of the command
         line: line, column, what was expected and what came; under its own name for what the file
-        lacks and may be stated; if it is of another method or machine.
+        lacks and may be stated; if it is of another method or machine. `OtherKind` if it is
+        a check.
     """
     file = Path(Path(name).name or "file.csv")
+    expects_map = method is None
     try:
-        sheets = sheets_of(content, file)
-        written = format_of_text(file, next(iter(sheets.values()), ""))
         found: CsvErrorMap | CsvMeasurement
-        if written is not None:
+        is_contract = expects_map and is_json(content, file)
+        sheets = {} if is_contract else sheets_of(content, file)
+        written = None if is_contract else format_of_text(file, next(iter(sheets.values()), ""))
+        if is_contract:
+            found = _of_json(content, file, stated)
+        elif written is not None:
             method = _method_of(file, written, method)
             text = only_sheet(sheets, file)
             found = _with_stated(written.read(text, file, stated.axis), file, stated)
@@ -65,6 +74,8 @@ def read_uploaded_map(
         else:
             found = parse_csv_error_map(sheets, file, stated)
     except UnreadableFile as error:
+        if expects_map:
+            refuse_other_kind(FileKind.MAP, content, file)
         errors = [FieldError("file", line) for line in error.wrong]
         errors += [FieldError(lack.field, lack.message) for lack in error.lacks]
         raise InvalidContent(error.detail, errors) from None
@@ -78,6 +89,28 @@ def read_uploaded_map(
         return found
     assert method is not None
     return UploadedMeasurement(method, found.body, found.remarks)
+
+
+def _of_json(content: bytes, file: Path, stated: Stated) -> CsvErrorMap:
+    """Read the one map in a request's JSON, or in an answer's."""
+    problems = Problems(file)
+    document = json_of(content, problems)
+    if isinstance(document, dict):
+        said = {"label": stated.label, "measured_at": stated.measured_at}
+        document |= {name: value for name, value in said.items() if value is not None}
+        if stated.temperatures_c:
+            document["temperatures_c"] = dict(stated.temperatures_c)
+    entries = check_contract(document, problems)
+    maps = [one for one in entries if isinstance(one, ErrorMapSchema)]
+    if len(entries) > 1:
+        problems.add(
+            f"expected one error map, got {len(entries)} entries: send one after the other"
+        )
+    elif not maps:
+        what = "a machine" if isinstance(entries[0], MachineSettings) else "a reading"
+        problems.add(f"expected an error map, got {what}")
+    problems.raise_if_any()
+    return CsvErrorMap(maps[0], None, ())
 
 
 def _method_of(file: Path, written: InstrumentFormat, stated: str | None) -> str:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from app.api.files.contract_json import json_of
 from app.api.files.csv_verification import parse_csv_verification
 from app.api.files.delimited_text import Problems, UnreadableFile, sheets_of
-from app.api.files.instrument_files import format_of_text
+from app.api.files.file_kind import FileKind, is_json, refuse_other_kind
 from app.api.files.verification_check import check_verification, complain_of_fields
-from app.api.json_text import NoJsonError, RepeatedNameError, read_json
 from app.effects.observations import Verification
 from app.errors import FieldError, InvalidContent
 
@@ -59,32 +58,20 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     """
     file = Path(Path(name).name or "file.csv")
     try:
-        if file.suffix.lower() == ".json":
-            found = check_verification(_json_of(content, file), Problems(file))
+        if is_json(content, file):
+            problems = Problems(file)
+            found = check_verification(json_of(content, problems), problems)
             return UploadedVerification(file, found, (), ())
-        sheets = sheets_of(content, file)
-        written = format_of_text(file, next(iter(sheets.values()), ""))
-        if written is not None:
-            raise UnreadableFile(
-                f"{file}: expected a verification as CSV, got {written.name}: `thermap import "
-                f"--method {written.method} {file} --machine {machine}` makes an error map of it"
-            )
-        read = parse_csv_verification(sheets, file)
+        read = parse_csv_verification(sheets_of(content, file), file)
         if read.machine not in (None, machine):
             raise UnreadableFile(
                 f"{file} says that it belongs to {read.machine!r}, got {machine!r}"
             )
         found = check_verification(read.body, Problems(file), read.lines)
     except UnreadableFile as error:
+        refuse_other_kind(FileKind.CHECK, content, file)
         raise _of_lines(error.wrong) from None
     return UploadedVerification(file, found, read.remarks, read.lines)
-
-
-def _json_of(content: bytes, file: Path) -> Any:
-    try:
-        return read_json(content)
-    except (NoJsonError, RepeatedNameError) as error:
-        raise UnreadableFile(f"{file}: expected JSON, got none: {error}") from None
 
 
 def _of_lines(lines: Sequence[str]) -> InvalidContent:

@@ -1,4 +1,4 @@
-"""Error maps from files: as the API takes them, and as the dashboard shows them before."""
+"""Error maps from files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from app.api.evaluations import EVALUATIONS
 from app.api.files.csv_comments import Stated
 from app.api.files.csv_error_map import CsvErrorMap
 from app.api.files.uploaded_map import read_uploaded_map
-from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.error_maps import NOTHING_NEW, answer_to_map
 from app.api.schemas.base import UtcTime
@@ -30,8 +29,6 @@ from app.api.schemas.model_change import PreviewAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
-from app.pages.dashboard.maps import upload_preview
-from app.services.error_maps import preview_error_map
 from app.services.measurements import map_of_result
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
@@ -115,7 +112,7 @@ class _Readings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Found:
+class FoundMap:
     """The map of a file, what was noticed, and a measurement's own figures."""
 
     error_map: ErrorMap
@@ -124,14 +121,17 @@ class _Found:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
+BesideQuery = Annotated[_Beside, Depends(_beside)]
+
+
 async def uploaded_map(
     request: Request,
     context: ContextDep,
     machine: MachinePath,
     content: FileContent,
-    beside: Annotated[_Beside, Depends(_beside)],
+    beside: BesideQuery,
     name: FileName = "file.csv",
-) -> _Found:
+) -> FoundMap:
     """Read the map or the measurement that came, check what it says, and evaluate readings.
 
     A million readings take seconds: nobody else waits for the database meanwhile.
@@ -150,16 +150,16 @@ async def uploaded_map(
     return await in_a_thread(lambda: _map_of(described, read))
 
 
-def _map_of(described: Machine, read: CsvErrorMap | _Readings) -> _Found:
+def _map_of(described: Machine, read: CsvErrorMap | _Readings) -> FoundMap:
     """Give a file's map, or evaluate the readings in it."""
     if isinstance(read, CsvErrorMap):
-        return _Found(read.error_map.to_error_map(), read.remarks)
+        return FoundMap(read.error_map.to_error_map(), read.remarks)
     result = EVALUATIONS[read.method].evaluate(described, read.body)
     error_map = map_of_result(described, read.method, read.body.header(), result)
-    return _Found(error_map, [*read.remarks, *result.notes], read.method, result.figures)
+    return FoundMap(error_map, [*read.remarks, *result.notes], read.method, result.figures)
 
 
-UploadedMap = Annotated[_Found, Depends(uploaded_map)]
+UploadedMap = Annotated[FoundMap, Depends(uploaded_map)]
 
 router = Router(route_class=FileRoute, read_first=uploaded_map, tags=["error maps"])
 
@@ -182,7 +182,7 @@ def post_map_file(
 ) -> ErrorMapAnswer | PreviewAnswer:
     """Store a map that stands in a file, or that an instrument's readings in a file make.
 
-    The file is one that `thermap import` reads: an error map as CSV or in an Excel workbook, an
+    The file is one that `thermap import` reads: an error map as CSV, Excel workbook or JSON, an
     instrument's own file (Renishaw's linear .rtl), or with `method` a table of readings. What is
     wrong in it is answered with line and column, under `file`; what it does not say under its own
     name, and is stated in the query. What is stated takes precedence over what the file says. All
@@ -197,23 +197,3 @@ def post_map_file(
         accept_losses=accept_losses,
         notes=found.remarks,
     )
-
-
-@router.post(
-    "/machines/{machine}/maps/preview",
-    response_class=Page,
-    include_in_schema=False,
-    openapi_extra=FILE_BODY,
-)
-def post_upload_preview(
-    context: ContextDep,
-    machine: MachinePath,
-    found: UploadedMap,
-    name: FileName = "file.csv",
-) -> Page:
-    """Show what storing a file's map would do, as a part of the page of maps."""
-    preview = preview_error_map(context, machine, found.error_map)
-    shown = upload_preview(
-        preview, name, found.error_map, found.remarks, found.method, found.figures
-    )
-    return Page(shown, scripts=0, headers={"Cache-Control": "no-store"})

@@ -12,13 +12,11 @@ from app.api.files.uploaded_verification import (
     UploadedVerification,
     read_uploaded_verification,
 )
-from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.verifications import NOTHING_NEW, answer_to_verification
 from app.api.schemas.verifications import StoredVerificationAnswer
 from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import InvalidContent
-from app.pages.dashboard.loop import check_preview
 
 
 async def uploaded_verification(
@@ -54,18 +52,3 @@ def post_verification_file(
         return answer_to_verification(context, machine, found.verification, response, found.remarks)
     except InvalidContent as error:
         raise found.refusal(error) from None
-
-
-@router.post(
-    "/machines/{machine}/loop/preview",
-    response_class=Page,
-    include_in_schema=False,
-    openapi_extra=FILE_BODY,
-)
-def post_check_preview(
-    found: Annotated[UploadedVerification, Depends(uploaded_verification)],
-) -> Page:
-    """Show what was read of a file, as a part of the page of the loop; nothing is stored."""
-    remarks = [*found.remarks, *found.verification.remarks]
-    shown = check_preview(found.verification, found.file.name, remarks)
-    return Page(shown, scripts=0, headers={"Cache-Control": "no-store"})

@@ -1,6 +1,8 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
 import { askOnce, changeWords, list, lossLines, numberOf, refused, send, told } from "./ask.js";
 
+const { take } = document.getElementById("drop") ? await import("./upload.js") : {};
+
 const room = document.getElementById("loop");
 const api = room.dataset.api;
 const number = room.dataset.analysis;
@@ -224,39 +226,12 @@ for (const button of document.querySelectorAll("[data-assign]")) {
 
 // Checks
 
-on("every", "change", () => {
-  for (const box of document.querySelectorAll("input[name=check]")) box.checked = by("every").checked;
+addEventListener("thermap-changed", ({ detail }) => {
+  if (detail.path === "verifications" && !detail.stored.warnings.length) shown(number);
 });
 
-async function store(name, path, content) {
-  try {
-    const stored = await send("POST", `${api}/${path}`, content);
-    const words = stored.judgement ? stored.judgement.summary : "";
-    if (stored.warnings.length) {
-      told(by("checks-said"), `Stored as check ${stored.id}: ${words}`);
-      by("checks-said").append(list(stored.warnings));
-    } else shown(number);
-  } catch (error) {
-    refused(by("checks-said"), `${name} was not stored; nothing has changed.`, error);
-  }
-}
-
-// A file is shown as it was read; only then it is stored.
-on("file", "change", async () => {
-  const [file] = by("file").files;
-  if (!file) return;
-  by("file").value = "";
-  const place = by("checks-said");
-  const query = `name=${encodeURIComponent(file.name.slice(-200))}`;
-  const content = await file.arrayBuffer();
-  try {
-    const part = await send("POST", `${location.pathname}/preview?${query}`, content, "*/*");
-    const page = new DOMParser().parseFromString(await part.text(), "text/html");
-    askOnce(place, "", [], "Store this check", () => store(file.name, `verifications/from-file?${query}`, content));
-    place.querySelector(".asked").prepend(document.adoptNode(page.getElementById("read")));
-  } catch (error) {
-    refused(place, `${file.name} was not stored; nothing has changed.`, error);
-  }
+on("every", "change", () => {
+  for (const box of document.querySelectorAll("input[name=check]")) box.checked = by("every").checked;
 });
 
 // Values that are typed in, a row each; a row without an error is none.
@@ -291,6 +266,8 @@ if (rows) {
     const time = field(target.closest("tr"), "time");
     if (target.name === "error" && !time.value) time.value = new Date().toISOString().slice(0, 19);
   });
+  // What was shown was of what was typed then.
+  document.querySelector("#typed form").addEventListener("input", () => by("preview").replaceChildren());
   document.querySelector("#typed form").addEventListener("submit", (event) => {
     event.preventDefault();
     const label = by("typed-label").value;
@@ -300,7 +277,9 @@ if (rows) {
     if (!numbers) return;
     const [repeatability_um, ...read] = numbers;
     const observations = filled.map((row, i) => observation(row, read[2 * i], read[2 * i + 1]));
-    store(label, "verifications", { label, datum: by("typed-datum").value, repeatability_um, observations });
+    by("checks-said").replaceChildren();
+    const check = { label, datum: by("typed-datum").value, repeatability_um, observations };
+    take("typed values.json", new TextEncoder().encode(JSON.stringify(check)).buffer, by("typed-send"));
   });
 }
 
@@ -368,4 +347,4 @@ on("plan", "click", async () => {
 
 // Who came for it from another page has it at once.
 if (location.hash === "#plan" && by("plan") && !by("plan").disabled) by("plan").click();
-if (location.hash === "#file") by("file")?.focus();
+if (location.hash === "#file") by("choose")?.focus();

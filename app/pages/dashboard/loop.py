@@ -18,6 +18,7 @@ from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.plots import EffectCurve, VisitMeans
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
+from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock
 from app.pages.environment import render_live
@@ -86,6 +87,7 @@ def loop_page(view: LoopView, now: datetime) -> str:
         later="" if view.later is None else later_words(view.later),
         kinds=[(kind, kind_name(kind)) for kind in sorted(KINDS)],
         codes=RIGID,
+        methods=METHODS,
         result=result,
         **({} if result is None else _result(view, result)),
     )
@@ -96,13 +98,17 @@ def left_of_check(found: LeftOfCheck) -> str:
     return render_live("dashboard/left_of_check.html", found=found)
 
 
-def check_preview(found: Verification, name: str, remarks: Sequence[str]) -> str:
-    """Write what was read of a check, as a part of the page of the loop."""
+def check_preview(
+    found: Verification, name: str, remarks: Sequence[str], *, is_expected: bool, looks_like: str
+) -> str:
+    """Write what was read of a check, before it is stored; else as `upload_preview`."""
     return render_live(
         "dashboard/check_preview.html",
         read=read_of_verification(found),
         name=name,
         remarks=remarks,
+        is_expected=is_expected,
+        looks_like=looks_like,
     )
 
 

@@ -67,6 +67,9 @@ def upload_preview(
     remarks: Sequence[str],
     method: str | None,
     figures: Mapping[str, float],
+    *,
+    is_expected: bool,
+    looks_like: str,
 ) -> str:
     """Write what storing a file's map would do, before anything is stored.
 
@@ -75,9 +78,13 @@ def upload_preview(
     method, figures
         By which method the map was measured, and its figures by names that end in the unit,
         where the file holds an instrument's readings.
+    is_expected
+        Whether a map was expected where the file was dropped.
+    looks_like
+        The other kind of file that it looks like, empty where it does not.
     """
     kind = "map" if method is None else f"map by {method}"
-    about = f"{name} · {kind} ‘{error_map.label}’"
+    about = f"{name} · {kind} ‘{error_map.label}’: nothing is stored yet"
     return _preview_page(
         preview,
         "upload",
@@ -89,6 +96,9 @@ def upload_preview(
             {"name": figure, "value": number(value), "unit": unit_of_field(figure) or ""}
             for figure, value in figures.items()
         ],
+        name=name,
+        is_expected=is_expected,
+        looks_like=looks_like,
     )
 
 
@@ -122,6 +132,7 @@ def _preview_page(
     read: WhatWasRead | None = None,
     remarks: Sequence[str] = (),
     figures: Sequence[Mapping[str, str]] = (),
+    **of_file: object,
 ) -> str:
     loses = preview.difference.loses
     return render_live(
@@ -142,6 +153,7 @@ def _preview_page(
         read=read,
         remarks=[*_recorded(preview.recorded), *remarks],
         figures=figures,
+        **of_file,
     )
 
 

@@ -15,6 +15,8 @@ from pydantic import ValidationError
 
 from app.api.field_errors import field_error
 from app.api.files.delimited_text import Problems, read_text
+from app.api.json_text import NoJsonError, RepeatedNameError
+from app.api.json_text import read_json as read_sent_json
 from app.api.schemas.base import Schema
 from app.api.schemas.error_maps import (
     ComponentAnswer,
@@ -47,7 +49,11 @@ def read_contract_json(file: Path) -> list[Content]:
         what was expected and what came.
     """
     problems = Problems(file)
-    document = read_json(file, problems)
+    return check_contract(read_json(file, problems), problems)
+
+
+def check_contract(document: Any, problems: Problems) -> list[Content]:
+    """Check what a JSON document holds, as `read_contract_json` does."""
     entries = document if isinstance(document, list) else [document]
     if not entries:
         problems.add("expected a machine, an error map or readings, got an empty list")
@@ -82,6 +88,22 @@ def read_json(file: Path, problems: Problems) -> Any:
         problems.add(f"expected JSON: {error.msg}", error.lineno, f"column {error.colno}")
         problems.raise_if_any()
     return document
+
+
+def json_of(content: bytes, problems: Problems) -> Any:
+    """Read JSON that came over HTTP, within its limits.
+
+    Raises
+    ------
+    UnreadableFile
+        If it is none, or an object has a name twice.
+    """
+    try:
+        return read_sent_json(content)
+    except (NoJsonError, RepeatedNameError) as error:
+        problems.add(f"expected JSON, got none: {error}")
+    problems.raise_if_any()
+    return None
 
 
 class _Refused(Exception):

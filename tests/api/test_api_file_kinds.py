@@ -1,0 +1,202 @@
+"""Which kind a file is of is seen wherever it is sent: an error map, or a check."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from openpyxl import Workbook
+
+from app.api.files.csv_comments import Stated
+from app.api.files.delimited_text import UnreadableFile
+from app.api.files.file_kind import FileKind, kind_of_file
+from app.cli.analyse_files import read_verifications
+from app.cli.import_files import _read_all
+from tests.api.test_api_dashboard import feed
+from tests.api.test_api_verification_files import NIGHT
+from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.service_examples import ROOM, START, problem, reading
+
+pytestmark = pytest.mark.anyio
+
+PREVIEW = "/machines/mcfv5050/files/preview"
+BINARY = {"Content-Type": "application/octet-stream"}
+HEAD = """# label: cold
+# measured_at: 2026-03-01T06:00:00Z
+# temperature x-middle: 27.0
+# temperature y-front: 26.0
+# temperature z-column: 29.0
+# temperature spindle: 30.0
+"""
+LONG_MAP = HEAD + "component,position_mm,error_um\nEXX,0,0\nEXX,500,8.2\n"
+WIDE = "Position [mm];EXX [µm];EYX [µm]\n0;0;0\n500;8,2;1,1\n"
+WIDE_CHECK = "time;Position [mm];EXX [µm]\n2026-03-01T06:00:00Z;0;0\n2026-03-01T06:00:10Z;500;8,2\n"
+MAP_JSON = {
+    "label": "cold",
+    "measured_at": "2026-03-01T06:00:00Z",
+    "temperatures_c": {"x-middle": 27.0, "y-front": 26.0, "z-column": 29.0, "spindle": 30.0},
+    "components": [{"component": "EXX", "positions_mm": [0, 500], "errors_um": [0, 8.2]}],
+}
+CHECK_JSON = {
+    "label": "night",
+    "observations": [
+        {
+            "time": "2026-03-01T06:00:00Z",
+            "component": "EXX",
+            "position_mm": 250.0,
+            "measured_um": 4.3,
+        }
+    ],
+}
+
+
+def workbook(text):
+    book = Workbook()
+    for line in text.splitlines():
+        book.active.append(
+            [
+                float(c) if c[:1].isdigit() and "T" not in c else c
+                for c in line.replace(",", ".").split(";")
+            ]
+        )
+    file = io.BytesIO()
+    book.save(file)
+    return file.getvalue()
+
+
+MAPS = {
+    "long.csv": LONG_MAP,
+    "wide.csv": HEAD + WIDE,
+    "wide.xlsx": workbook(HEAD.replace(": ", ";") + WIDE),
+    "map.json": json.dumps(MAP_JSON),
+    "map.txt": json.dumps(MAP_JSON),
+    "maps.json": json.dumps([MAP_JSON]),
+}
+CHECKS = {
+    "long.csv": NIGHT,
+    "points.csv": "time,point_x_mm,point_y_mm,point_z_mm,"
+    "measured_x_um,measured_y_um,measured_z_um\n2026-03-01T06:00:00Z,250,250,-200,1,2,3\n",
+    "wide.csv": WIDE_CHECK,
+    "wide.xlsx": workbook(WIDE_CHECK),
+    "check.json": json.dumps(CHECK_JSON),
+    "check.txt": json.dumps(CHECK_JSON),
+}
+BOTH = {FileKind.MAP: MAPS, FileKind.CHECK: CHECKS}
+FILES = [(kind, name) for kind, files in BOTH.items() for name in files]
+OTHER = {FileKind.MAP: FileKind.CHECK, FileKind.CHECK: FileKind.MAP}
+ROUTES = {
+    FileKind.MAP: f"{ROOM}/error-maps/from-file",
+    FileKind.CHECK: f"{ROOM}/verifications/from-file",
+}
+
+
+def content_of(kind, name):
+    content = BOTH[kind][name]
+    return content if isinstance(content, bytes) else content.encode()
+
+
+async def preview(client, content, name, expected):
+    asked = {"name": name, "expected": expected}
+    return await client.post(PREVIEW, params=asked, content=content, headers=BINARY)
+
+
+@pytest.mark.parametrize("expected", FileKind)
+@pytest.mark.parametrize(("kind", "name"), FILES)
+async def test_a_file_is_shown_as_what_it_is_wherever_it_is_dropped(client, kind, name, expected):
+    await feed(client, reading(START, 27.0))
+    answer = await preview(client, content_of(kind, name), name, expected)
+    assert answer.status_code == 200, answer.text
+    words = {FileKind.MAP: "an error map", FileKind.CHECK: "a check"}[kind]
+    is_wide_map = kind is FileKind.MAP and name.startswith("wide")
+    if is_wide_map and expected is FileKind.CHECK:
+        # With a time for all values it can be both: what it looks like is offered.
+        assert 'data-what="check"' in answer.text
+        assert f"{name} may be an error map, too: it states temperatures" in answer.text
+        assert 'data-as="map"' in answer.text
+        return
+    shown = {FileKind.MAP: "upload", FileKind.CHECK: "check"}[kind]
+    assert f'data-what="{shown}"' in answer.text
+    assert (f"{name} is {words}." in answer.text) == (kind is not expected)
+    assert "EXX" in answer.text or "points" in answer.text
+    assert "<polyline" in answer.text
+    assert "data-as" not in answer.text
+
+
+@pytest.mark.parametrize(("kind", "name"), FILES)
+async def test_the_api_and_the_command_line_say_of_which_other_kind_a_file_is(
+    client, kind, name, tmp_path, monkeypatch
+):
+    expected = OTHER[kind]
+    content = content_of(kind, name)
+    if kind is FileKind.MAP and name.startswith("wide"):
+        content = content.replace(b"measured_at", b"noted")
+        if name.endswith("xlsx"):
+            pytest.skip("its text is packed")
+    query = {"name": name}
+    answer = await client.post(ROUTES[expected], params=query, content=content, headers=BINARY)
+    (said,) = problem(answer, 422)["errors"]
+    assert said["field"] == "file"
+    assert said["message"].startswith(
+        f"{name}: expected {expected.words}, got {kind.words}: `thermap"
+    )
+    assert (await client.get(f"{ROOM}/verifications")).json() == []
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(content)
+    commands = {
+        FileKind.CHECK: lambda: read_verifications([Path(name)], "mcfv5050"),
+        FileKind.MAP: lambda: _read_all([Path(name)], Stated(), "mcfv5050"),
+    }
+    with pytest.raises(UnreadableFile) as caught:
+        commands[expected]()
+    if not name.endswith("txt"):
+        assert said["message"] in caught.value.detail
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (NIGHT.replace("4.31", "n/a"), FileKind.CHECK),
+        (NIGHT.replace("measured_um", "measured"), FileKind.CHECK),
+        (LONG_MAP.replace("8.2", "n/a"), FileKind.MAP),
+        (LONG_MAP.replace("error_um", "error_furlong"), FileKind.MAP),
+        (WIDE, FileKind.MAP),
+        (WIDE_CHECK.replace("8,2", "n/a"), FileKind.CHECK),
+        (BOTH_WAYS, FileKind.MAP),
+        ("# measured_at: 2026-03-01T06:00:00Z\n" + WIDE, None),
+        ("time,x-middle\n2026-03-01T06:00:00Z,20.1\n", None),
+        ("a,b\n1,2\n", None),
+        ("", None),
+        ("{", None),
+        ('{"observations": 3}', FileKind.CHECK),
+        ('{"id": "vmc"}', None),
+    ],
+)
+def test_the_kind_is_seen_although_the_file_is_wrong(content, kind):
+    assert kind_of_file(content.encode(), Path("x.csv")) is kind
+
+
+async def test_what_is_wrong_in_a_file_of_the_other_kind_is_said(client):
+    wrong = NIGHT.replace("4.31", "n/a")
+    errors = problem(await preview(client, wrong, "night.csv", "map"), 422)["errors"]
+    assert [one["message"] for one in errors] == [
+        "night.csv holds check measurements with their times",
+        "night.csv, line 2, column 4 (measured_um): expected a number in µm, got 'n/a'",
+    ]
+
+
+async def test_a_map_that_the_service_answered_is_read_again(client):
+    stored = (await client.get(f"{ROOM}/error-maps/1")).json()
+
+    async def send(content, **stated):
+        query = {"name": "map.json"} | stated
+        route = ROUTES[FileKind.MAP]
+        return await client.post(route, params=query, content=json.dumps(content), headers=BINARY)
+
+    again = await send(stored)
+    assert (again.status_code, again.json()["id"]) == (200, 1)
+    renamed = await send(stored, label="again")
+    assert "'again'" in problem(renamed, 409)["detail"]
+    twice = problem(await send([MAP_JSON, MAP_JSON | {"label": "b"}]), 422)["detail"]
+    assert "expected one error map, got 2 entries" in twice
+    machine = (await client.get(ROOM)).json()
+    assert "expected an error map, got a machine" in problem(await send(machine), 422)["detail"]
