@@ -610,6 +610,24 @@ class SixDofRequest(Shape):
     """Standard deviation of one angular reading, if read once [µrad]"""
 
 
+class StatedReading(Shape):
+    """A reading as it is sent: of a sensor that has no value it says so, or nothing."""
+
+    time: AwareDatetime
+    """When, with a zone, from the year 1900 on; what lies in the future is not used before its
+    time, and refused if it is more than a day ahead
+    """
+
+    temperatures_c: dict[str, float | None]
+    """Temperatures by sensor [°C]; null for a sensor that has no value: it is named in the status
+    at once, until it has one again. A sensor that is left out is missed when its next reading
+    should have come
+    """
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+
 class StepDiagonalRequest(Shape):
     """Readings of a laser along body diagonals, after each single step of x, y and z."""
 

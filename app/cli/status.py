@@ -100,9 +100,15 @@ def _sensors(sensors: Sequence[SensorNow]) -> RenderableType:
             _number(one.rate_k_per_h, "+.1f"),
             _number(one.age_s, ".0f", " s"),
             maps,
-            one.detail or ("late" if one.is_late else one.health),
+            one.detail or _health(one),
         )
     return or_nothing(table, "no sensors")
+
+
+def _health(one: SensorNow) -> str:
+    if one.no_value_since is not None:
+        return "no value"
+    return "late" if one.is_late else str(one.health)
 
 
 def _number(value: float | None, form: str, unit: str = "") -> str:

@@ -13,7 +13,7 @@ import logging
 import math
 import random
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
@@ -166,6 +166,9 @@ class TakesValues(Protocol):
     ) -> asyncio.Future[Fate]:
         """Take values of one machine."""
 
+    def tell_values(self, machine: str, present: Collection[str], absent: Collection[str]) -> None:
+        """Take note of which sensors have a value, and which have none by what a sender says."""
+
     def refuse(self, where: str, reason: str) -> None:
         """Count what cannot be used."""
 
@@ -196,6 +199,10 @@ class Sender:
         fate = self._intake.offer(machine, temperatures_c, time, state)
         fate.add_done_callback(lambda done: self._count(done, machine, temperatures_c))
         return fate
+
+    def tell_values(self, machine: str, present: Collection[str], absent: Collection[str]) -> None:
+        """Take note of which sensors have a value, and which have none by what a sender says."""
+        self._intake.tell_values(machine, present, absent)
 
     def refuse(self, where: str, reason: str) -> None:
         """Count what cannot be used."""
@@ -309,6 +316,13 @@ class Intake:
     def refusal_of(self, machine: str, sensor: str) -> str:
         """Say why a sensor's latest value was refused; empty where it was stored."""
         return self._refusals.get((machine, sensor), "")
+
+    def tell_values(self, machine: str, present: Collection[str], absent: Collection[str]) -> None:
+        """Take note of which sensors have a value, and which have none by what a sender says."""
+        context = self._context()
+        live = context.live.get(machine)
+        if live is not None:
+            live.note_values(present, dict.fromkeys(absent, context.now()))
 
     @property
     def machines_with_wrong_clocks(self) -> tuple[str, ...]:

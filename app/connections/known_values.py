@@ -35,6 +35,7 @@ class KnownValues:
         self._sensors = frozenset(sensors)
         self._states = frozenset(states)
         self._known: dict[str, float] = {}
+        self._absent: set[str] = set()
 
     def __len__(self) -> int:
         return len(self._known)
@@ -61,11 +62,16 @@ class KnownValues:
                 self._known.pop(name, None)
             else:
                 self._known[name] = value
+        told = self._sensors & found.keys()
+        present = told & self._known.keys()
+        self._absent = (self._absent | told) - present
+        self._intake.tell_values(self._machine, present, told - present)
         return self._offer(found, time)
 
     def forget(self) -> None:
         """Know nothing any more, as without contact."""
         self._known.clear()
+        self._absent.clear()
 
     def keep(self, names: Collection[str]) -> None:
         """Forget all others."""
@@ -73,6 +79,8 @@ class KnownValues:
 
     def repeat(self) -> None:
         """Tell again all that holds."""
+        if self._absent:
+            self._intake.tell_values(self._machine, (), self._absent)
         self._offer(self._known)
 
     def _offer(

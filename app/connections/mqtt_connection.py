@@ -220,6 +220,7 @@ class MqttConnection(TellsTables):
 
     def _note_absent(self, stated: Stated) -> None:
         """Note whose senders say that they have no value, and whose have one again."""
+        self._intake.tell_values(stated.machine, stated.temperatures_c, stated.without)
         for sensor in stated.temperatures_c:
             self._absent.pop((stated.machine, sensor), None)
         for sensor in stated.without:

@@ -7,7 +7,7 @@ half of one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -59,7 +59,8 @@ class LiveMachine:
 
     `until` is everywhere the latest time at which a reading can have been measured.
     `is_behind` says that the readings have to be read from the database: there may be others
-    than those that are here.
+    than those that are here. `without_value` are sensors whose senders say that they have no
+    value, and since when; it is known where it was said, and ends with the next value.
     """
 
     def __init__(self, current: LiveModel) -> None:
@@ -68,7 +69,9 @@ class LiveMachine:
         self.past = CarriedPast(current.model.machine, current.needed)
         self.withdrawals = 0
         self.is_behind = True
+        self.without_value: Mapping[str, datetime] = {}
         self._lock = Lock()
+        self._lock_of_values = Lock()
         self._notes: dict[int, list[Arrived]] = {}
 
     def replace(self, current: LiveModel) -> None:
@@ -97,6 +100,26 @@ class LiveMachine:
             else:
                 # Some of them may have been withdrawn since, or some of those here.
                 self.is_behind = True
+        if without := self.without_value:
+            told = {n: r.time for r in arrived.readings for n in r.temperatures_c if n in without}
+            self.note_values([name for name, time in told.items() if time >= without[name]], {})
+
+    def note_values(self, present: Collection[str], absent: Mapping[str, datetime]) -> None:
+        """Take note of which sensors have a value, and of whom it is said that they have none."""
+        if absent or not self.without_value.keys().isdisjoint(present):
+            with self._lock_of_values:
+                known = {**absent, **self.without_value}
+                sensors = self.current.model.machine.sensors.keys() - set(present)
+                self.without_value = {k: t for k, t in known.items() if k in sensors}
+
+    def last_times(self, sensors: Collection[str]) -> Mapping[str, datetime]:
+        """Say when each of some sensors had its latest value, where it had any."""
+        found: dict[str, datetime] = {}
+        for reading in reversed(self.readings.held.used):
+            found |= {n: reading.time for n in sensors if n in reading.temperatures_c} | found
+            if len(found) == len(sensors):
+                break
+        return found
 
     def has_none_from(self, time: datetime) -> bool:
         """Whether the database has no reading of this time or later, as far as is known here."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
@@ -105,6 +105,29 @@ def store_readings(context: Context, machine_id: str, readings: Sequence[Reading
     together = _Together(context)
     context.reading_batches.run(batch, together.store, together.follow)
     return batch.outcome or _store_alone(context, machine_id, readings)
+
+
+def note_absent(
+    context: Context, machine_id: str, absent: Sequence[tuple[datetime, Collection[str]]]
+) -> None:
+    """Take note of sensors whose senders say that they have no value, until they have one again.
+
+    Parameters
+    ----------
+    absent
+        When, and which sensors. What a later reading has a value of is passed over.
+    """
+    live = context.live.get(machine_id)
+    if live is None:
+        return
+    now = context.now()
+    last = live.last_times({name for _, names in absent for name in names})
+    since: dict[str, datetime] = {}
+    for time, names in sorted(absent, key=lambda one: one[0]):
+        for name in names:
+            if name not in last or time > last[name]:
+                since.setdefault(name, min(time, now))
+    live.note_values((), since)
 
 
 def begin_to_store(context: Context, wanted: Wanted[ReadingBatch]) -> None:

@@ -84,7 +84,9 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         model=current.model,
         model_version=current.version,
         judged_at=context.now(),
-        sensors=[SensorState(name, Health.MISSING) for name in machine.sensors],
+        sensors=[
+            _with_absence(live, SensorState(name, Health.MISSING)) for name in machine.sensors
+        ],
         record=live.readings.record(machine),
         latest=None,
         table=NoReading("no reading has come yet"),
@@ -102,7 +104,7 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         return judge(situation)
     situation = replace(
         situation,
-        sensors=state.sensors,
+        sensors=[_with_absence(live, one) for one in state.sensors],
         record=live.readings.record(machine),
         latest=state.reading.time,
         clocks=early_warnings(state.early),
@@ -111,6 +113,11 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         return judge(replace(situation, table=table_of_state(context, state)))
     except InvalidContent as why:
         return judge(replace(situation, table=why))
+
+
+def _with_absence(live: LiveMachine, state: SensorState) -> SensorState:
+    """Add since when a sensor's sender says that it has no value."""
+    return state._replace(no_value_since=live.without_value.get(state.sensor))
 
 
 def _last_check(figures: WatchFigures | None) -> LastCheck | None:

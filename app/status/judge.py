@@ -191,14 +191,17 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
     if isinstance(why, NotEnoughMaps) or not situation.model.groups:
         return Cause(State.NO_MODEL, _no_model(situation.model.omitted))
     if situation.latest is None:
-        return Cause(State.NO_READING, "No reading has come yet: there is no compensation table.")
+        absent = {s.sensor: s.no_value_since for s in situation.sensors}
+        said = [f" {name} {_no_value(situation, at)}." for name, at in absent.items() if at]
+        words = "No reading has come yet: there is no compensation table."
+        return Cause(State.NO_READING, "".join([words, *said[:MOST_CODES]]))
     if isinstance(why, OutsideMaps):
         return Cause(State.OUTSIDE_MAPS, f"There is no table: {why.detail}.")
     if isinstance(why, SensorUnavailable):
         usable = {s.sensor for s in situation.sensors if s.health in (Health.OK, Health.STALE)}
         without = [g for g in situation.model.groups if not {s.sensor for s in g.scales} & usable]
         failed = {s.sensor: s for s in situation.sensors if s.sensor in {g.sensor for g in without}}
-        details = "; ".join(s.detail for s in failed.values() if s.detail)
+        details = "; ".join(filter(None, (_detail(situation, s) for s in failed.values())))
         codes = [code for group in without for code in group.codes]
         since = [_failed_since(situation, name) for name in failed]
         return Cause(
@@ -240,6 +243,7 @@ def _causes(
                 about=(name,),
             )
     yield from _incomplete(situation, table)
+    yield from _without_value(situation, table)
     yield from _late(situation, table)
     yield from _checked(situation)
     yield from _standing_in(situation, table)
@@ -277,9 +281,40 @@ def _has_stopped(situation: Situation) -> bool:
     return situation.latest is not None and situation.judged_at - situation.latest > limit
 
 
+def _without_value(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
+    """Say which sensors have no value by what their senders say, before their last one is old."""
+    for sensor in situation.sensors:
+        since = sensor.no_value_since
+        if since is None or sensor.health is not Health.OK:
+            continue
+        codes = _resting_on(table, sensor.sensor)
+        yield Cause(
+            State.LATE if codes else State.FRESH,
+            f"{sensor.sensor} {_no_value(situation, since)}: "
+            f"{_rest_on(codes, 'its last one') if codes else NOTHING_RESTS}.",
+            since,
+            tuple(codes),
+            (sensor.sensor,),
+        )
+
+
+def _detail(situation: Situation, sensor: SensorState) -> str:
+    since = sensor.no_value_since
+    said = "" if since is None else f"{sensor.sensor} {_no_value(situation, since)}"
+    return "; ".join(filter(None, (sensor.detail, said)))
+
+
+def _no_value(situation: Situation, since: datetime) -> str:
+    return f"has no value since {_clock(since, situation.judged_at)}, by what its sender says"
+
+
 def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     """Say in one sentence which sensors should have come again, and what rests on them."""
-    late = {s.sensor: s for s in situation.sensors if s.is_late and _resting_on(table, s.sensor)}
+    late = {
+        s.sensor: s
+        for s in situation.sensors
+        if s.is_late and s.no_value_since is None and _resting_on(table, s.sensor)
+    }
     if not late:
         return
     resting = {code for name in late for code in _resting_on(table, name)}
@@ -306,7 +341,9 @@ def _rest_on(codes: Sequence[str], what: str) -> str:
 
 def _not_read(situation: Situation, sensor: SensorState) -> str:
     measured = situation.judged_at - timedelta(seconds=sensor.age_s or 0.0)
-    return f"{sensor.sensor} has not been read since {_clock(measured, situation.judged_at)}"
+    since = sensor.no_value_since
+    said = "" if since is None else f" and {_no_value(situation, since)}"
+    return f"{sensor.sensor} has not been read since {_clock(measured, situation.judged_at)}{said}"
 
 
 def _stale_since(situation: Situation, sensor: SensorState) -> datetime:
@@ -401,7 +438,7 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
     for (sensor, assigned), codes in served.items():
         failed = details[assigned]
         is_stale = failed.health is Health.STALE
-        why = _not_read(situation, failed) if is_stale else failed.detail
+        why = _not_read(situation, failed) if is_stale else _detail(situation, failed)
         yield Cause(
             State.STAND_IN,
             f"{sensor} stands in for {assigned} in {counted(len(codes), 'component')}"
@@ -418,7 +455,7 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
                 yield Cause(State.FRESH, f"{_not_read(situation, state)}: {NOTHING_RESTS}.")
         else:
             rest = "" if is_used else f"; {NOTHING_RESTS}"
-            yield Cause(State.FRESH, f"{state.detail}{rest}.")
+            yield Cause(State.FRESH, f"{_detail(situation, state)}{rest}.")
 
 
 def _checked(situation: Situation) -> Iterator[Cause]:
@@ -486,6 +523,7 @@ def _sensors_now(situation: Situation, rates: Mapping[str, float | None]) -> Ite
             rate_k_per_h=rates[sensor.sensor],
             interval_s=sensor.interval_s,
             is_late=sensor.is_late,
+            no_value_since=sensor.no_value_since,
             health=sensor.health,
             detail=sensor.detail,
             outside_maps_k=outside,

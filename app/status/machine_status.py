@@ -131,6 +131,9 @@ class SensorNow(Answer):
     is_late: bool
     """Whether the next one should have come: after five usual intervals, not before 15 s, twice the
     longest of the latest intervals, or five of those at which its sender sends"""
+    no_value_since: datetime | None
+    """Since when its sender says that it has no value (null, UNAVAILABLE, a status that is not
+    good); null where it does not, and from the next value on"""
     rate_k_per_h: float | None
     """How fast it changes now [K/h], over the last half hour or, where its course bends, the last
     minutes; null where that is not known"""

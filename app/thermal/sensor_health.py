@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -70,7 +71,7 @@ class SensorState(NamedTuple):
 
     `detail` is a sentence for a person, empty when all is well. `interval_s` is how far apart its
     readings usually are, and `late_after_s` the age at which one is missed [s]; None where they do
-    not come by the clock.
+    not come by the clock. `no_value_since` is since when its sender says that it has no value.
     """
 
     sensor: str
@@ -80,6 +81,7 @@ class SensorState(NamedTuple):
     detail: str = ""
     interval_s: float | None = None
     late_after_s: float | None = None
+    no_value_since: datetime | None = None
 
     @property
     def is_late(self) -> bool:

@@ -88,6 +88,7 @@ async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
         "age_s": 4.0,
         "interval_s": 60.0,
         "is_late": False,
+        "no_value_since": None,
         "rate_k_per_h": 0.6,
         "health": "ok",
         "detail": "",

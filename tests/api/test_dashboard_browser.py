@@ -442,7 +442,7 @@ def test_what_another_person_changes_meanwhile_is_said_before_a_dropped_map_is_s
         expect(one.locator(".meanwhile")).to_contain_text("Meanwhile v4 became active")
         for button in one.locator("#preview [data-do^=store]").all():
             expect(button).to_be_disabled()
-        one.get_by_role("button", name="Show what it would change").click()
+        one.get_by_role("button", name="Show again what it would change").click()
         expect(one.locator(".meanwhile")).to_have_count(0)
         one.locator("#preview [data-do^=store]").last.click()
         expect(one.locator("#preview")).to_contain_text("Map ‘Run #9’ is stored")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Query
@@ -13,14 +15,22 @@ from app.api.schemas.base import UtcTime
 from app.api.schemas.readings import (
     OneOrMoreReadings,
     ReadingSchema,
+    StatedReading,
     StoredReadings,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
-from app.errors import FieldError, InvalidContent, list_names
+from app.errors import FieldError, InvalidContent, UnknownThing, counted, list_names
 from app.services.context import Context
 from app.services.machines import show_readings, show_withdrawn_readings
-from app.services.readings import StoreOutcome, store_readings, withdraw_reading, withdraw_readings
+from app.services.readings import (
+    StoreOutcome,
+    note_absent,
+    store_readings,
+    withdraw_reading,
+    withdraw_readings,
+)
+from app.services.status import machine_in_memory
 
 router = Router(
     route_class=DirectRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
@@ -52,7 +62,7 @@ def post_readings(
     time of more than ten years ago is stored and named here.
     """
     if isinstance(body, list):
-        done = store_readings(context, machine, [r.to_reading() for r in body])
+        done = _store(context, machine, body)
     else:
         done = _store_one(context, machine, body)
     return StoredReadings.of(done)
@@ -125,10 +135,33 @@ def delete_readings(
     )
 
 
-def _store_one(context: Context, machine: str, stated: ReadingSchema) -> StoreOutcome:
+def _store(context: Context, machine: str, stated: Sequence[StatedReading]) -> StoreOutcome:
+    """Store those that have a value, and take note of what has none."""
+    absent = [(one.time, one.without) for one in stated if one.without]
+    if not absent:
+        return store_readings(context, machine, [one.to_reading() for one in stated])
+    known = machine_in_memory(context, machine).current.model.machine
+    for i, one in enumerate(stated):
+        for name in one.without:
+            try:
+                known.sensor(name)
+            except UnknownThing as unknown:
+                field = f"{i}.temperatures_c.{name}"
+                raise InvalidContent.of_field(field, unknown.detail) from None
+    readings = [one.to_reading() for one in stated]
+    valued = [one for one in readings if one.temperatures_c]
+    done = store_readings(context, machine, valued) if valued else StoreOutcome(0, 0, 0, ())
+    note_absent(context, machine, absent)
+    if len(valued) == len(readings):
+        return done
+    unstored = counted(len(readings) - len(valued), "reading")
+    return replace(done, warnings=[*done.warnings, f"{unstored} without a value not stored"])
+
+
+def _store_one(context: Context, machine: str, stated: StatedReading) -> StoreOutcome:
     """Store a reading that came alone: its fields are not named as in a list."""
     try:
-        return store_readings(context, machine, [stated.to_reading()])
+        return _store(context, machine, [stated])
     except InvalidContent as error:
         errors = [FieldError(e.field.removeprefix("0."), e.message) for e in error.errors]
         detail = "; ".join(f"{e.field}: {e.message}" for e in errors)

@@ -145,6 +145,13 @@ Temperatures = Annotated[
 ]
 """Sensor name to temperature [°C]."""
 
+StatedTemperatures = Annotated[
+    dict[str, Number | None],
+    Field(max_length=1000),
+    Field(examples=[{"x-middle": 24.1, "z-column": None}]),
+]
+"""Sensor name to temperature [°C], None where it has no value."""
+
 MissingComponents = Annotated[
     Literal["refuse", "zero"],
     Field(

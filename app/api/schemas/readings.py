@@ -7,21 +7,34 @@ from typing import Annotated, Any, Final, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from app.api.schemas.base import MachineState, Schema, Temperatures, UtcTime, way_of
+from app.api.schemas.base import (
+    MachineState,
+    Schema,
+    StatedTemperatures,
+    Temperatures,
+    UtcTime,
+    way_of,
+)
 from app.api.schemas.in_pieces import InPieces
 from app.services.readings import StoreOutcome
 from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 
 
-class ReadingSchema(Schema):
-    """Live temperatures and the machine's state at one time."""
-
-    time: UtcTime = Field(
+_ReadingTime = Annotated[
+    UtcTime,
+    Field(
         description="When, with a zone, from the year 1900 on; what lies in the future is not used "
         "before its time, and refused if it is more than a day ahead",
         examples=["2026-03-01T06:00:00Z"],
-    )
+    ),
+]
+
+
+class ReadingSchema(Schema):
+    """Live temperatures and the machine's state at one time."""
+
+    time: _ReadingTime
     temperatures_c: Temperatures = Field(
         description="Temperatures by sensor [°C]; leave a failed sensor out", min_length=1
     )
@@ -39,6 +52,29 @@ class ReadingSchema(Schema):
             temperatures_c=dict(reading.temperatures_c),
             state=dict(reading.state),
         )
+
+
+class StatedReading(Schema):
+    """A reading as it is sent: of a sensor that has no value it says so, or nothing."""
+
+    time: _ReadingTime
+    temperatures_c: StatedTemperatures = Field(
+        description="Temperatures by sensor [°C]; null for a sensor that has no value: it is named "
+        "in the status at once, until it has one again. A sensor that is left out is missed when "
+        "its next reading should have come",
+        min_length=1,
+    )
+    state: MachineState
+
+    @property
+    def without(self) -> frozenset[str]:
+        """Sensors of which it says that they have no value."""
+        return frozenset(name for name, value in self.temperatures_c.items() if value is None)
+
+    def to_reading(self) -> Reading:
+        """Make the reading of those that have a value."""
+        known = {name: value for name, value in self.temperatures_c.items() if value is not None}
+        return Reading(self.time, known, self.state)
 
 
 def _one_or_more(body: object) -> str:
@@ -60,11 +96,11 @@ def _no_wrapped_list(body: Any) -> Any:
 MOST_READINGS: Final = 10_000
 """In one list."""
 
-Readings = Annotated[list[ReadingSchema], InPieces(MOST_READINGS)]
+Readings = Annotated[list[StatedReading], InPieces(MOST_READINGS)]
 """One to 10,000 readings."""
 
 OneOrMoreReadings = Annotated[
-    Annotated[ReadingSchema, Tag(way_of("one"))] | Annotated[Readings, Tag(way_of("more"))],
+    Annotated[StatedReading, Tag(way_of("one"))] | Annotated[Readings, Tag(way_of("more"))],
     Discriminator(_one_or_more),
     BeforeValidator(_no_wrapped_list),
 ]

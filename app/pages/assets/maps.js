@@ -1,5 +1,5 @@
 // A version is shown with what it would change; only a button activates it, or takes a map out of use.
-import { ask, openedBy, say, show } from "./upload.js";
+import { ask, element, look, openedBy, say, show } from "./upload.js";
 
 const machine = encodeURIComponent(document.getElementById("drop").dataset.machine);
 const api = `/v1/machines/${machine}`;
@@ -32,8 +32,14 @@ new MutationObserver(() => {
   if (!found || !timeline || found.dataset.active === timeline.dataset.active || found.querySelector(".meanwhile")) return;
   if ("isDone" in found.dataset) return;
   for (const one of found.querySelectorAll("[data-do]:not([data-do=discard])")) one.disabled = true;
-  const words = `Meanwhile v${timeline.dataset.active} became active: show again what this would change.`;
-  found.querySelector(".decide").before(element("p", words, "meanwhile"));
+  const said = element("div", `Meanwhile v${timeline.dataset.active} became active. `, "meanwhile");
+  if (found.dataset.what === "upload") {
+    const again = element("button", "Show again what it would change");
+    again.type = "button";
+    again.addEventListener("click", look);
+    said.append(again);
+  }
+  found.querySelector(".decide").before(said);
 }).observe(document.getElementById("answer"), { childList: true, subtree: true });
 
 document.addEventListener("click", async (event) => {

@@ -14,7 +14,7 @@ let chosen = null;
 let asked = 0;
 let opener = choose;
 
-function element(name, words, className = "") {
+export function element(name, words, className = "") {
   const made = document.createElement(name);
   made.textContent = words;
   made.className = className;
@@ -124,7 +124,7 @@ function stated() {
   return found;
 }
 
-async function look() {
+export async function look() {
   clearWrong();
   chosen.stated = stated();
   await show(`${chosen.name} was not stored.`, `/machines/${machine}/files/preview?${chosen.stated}&expected=${chosen.expected}`, content());

@@ -225,7 +225,12 @@ def _leading(status: MachineStatus) -> SensorNow | None:
 
 
 def _is_well(sensor: SensorNow) -> bool:
-    return sensor.health is Health.OK and not sensor.is_late and not sensor.outside_maps_k
+    return sensor.health is Health.OK and not _has_stopped(sensor) and not sensor.outside_maps_k
+
+
+def _has_stopped(sensor: SensorNow) -> bool:
+    """Whether its next value is missed, or it is said that there is none."""
+    return sensor.is_late or sensor.no_value_since is not None
 
 
 def _worst_first(sensors: Iterable[SensorNow]) -> list[SensorNow]:
@@ -267,6 +272,8 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     outside = sensor.outside_maps_k
     if sensor.health is not Health.OK:
         words = _health_words(sensor)
+    elif sensor.no_value_since is not None:
+        words = "no value"
     elif sensor.is_late and sensor.age_s is not None:
         words = f"{age(sensor.age_s)} old"
     elif outside is None:
@@ -279,14 +286,14 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     return {
         "now": sensor,
         "is_fault": is_fault,
-        "is_old": sensor.health is Health.STALE or sensor.is_late,
+        "is_old": sensor.health is Health.STALE or _has_stopped(sensor),
         "is_well": _is_well(sensor),
         "words": words,
         "course": course_svg(
             view.courses[sensor.sensor],
             sensor.maps_c,
             name,
-            is_old=sensor.health is not Health.OK or sensor.is_late,
+            is_old=sensor.health is not Health.OK or _has_stopped(sensor),
         ),
     }
 
