@@ -20,7 +20,6 @@ from app.services.readings import StoreOutcome
 from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 
-
 _ReadingTime = Annotated[
     UtcTime,
     Field(
