@@ -17,8 +17,8 @@ def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
 
     >>> read_number(" 24,1 "), read_number("−3.5"), read_number("nan"), read_number("1_0")
     (24.1, -3.5, None, None)
-    >>> read_number("1e999"), read_number("２０")
-    (None, None)
+    >>> read_number("1e999"), read_number("２０"), read_number("-0,0")
+    (None, None, 0.0)
     """
     written = text.strip()
     if len(written) > LONGEST_NUMBER:
@@ -27,4 +27,4 @@ def read_number(text: str, *, decimal_comma: bool = True) -> float | None:
     if decimal_comma and "." not in written:
         written = written.replace(",", ".")
     number = float(written) if _NUMBER.fullmatch(written) else math.inf
-    return number if math.isfinite(number) else None
+    return number + 0.0 if math.isfinite(number) else None  # −0 is none

@@ -48,6 +48,10 @@ _SPACE: Final = b" \t\r\n"
 _PLACE: Final = re.compile(r" at line \d+ column \d+$")
 
 
+_MINUS_ZERO: Final = re.compile(rb"-0(?:\.0*)?(?:[eE][+-]?\d{1,9})?(?=[\s,\]}]|$)")
+_TEXT_OR_MINUS_ZERO: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"?|' + _MINUS_ZERO.pattern, re.DOTALL)
+
+
 class NoJsonError(ValueError):
     """The text is no JSON, or more than anyone needs."""
 
@@ -80,9 +84,20 @@ def read_json(text: bytes) -> Any:
     return _read_container(text, marks, 0, len(marks.at) - 1)
 
 
+def without_minus_zeros(text: bytes) -> bytes:
+    """Write 0 for each number of JSON that is −0: what is stored and answered has none.
+
+    >>> without_minus_zeros(b'{"-0.0,": [-0.0, -0, -0e3, -0.5]}')
+    b'{"-0.0,": [0.0, 0, 0e3, -0.5]}'
+    """
+    if not _MINUS_ZERO.search(text):
+        return text
+    return _TEXT_OR_MINUS_ZERO.sub(lambda found: found[0].removeprefix(b"-"), text)
+
+
 def _read_at_once(text: bytes) -> Any:
     try:
-        return jiter.from_json(text, catch_duplicate_keys=True)
+        return jiter.from_json(without_minus_zeros(text), catch_duplicate_keys=True)
     except ValueError as error:
         message = str(error)
         repeated = _REPEATED.match(message)

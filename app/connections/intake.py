@@ -303,8 +303,9 @@ class Intake:
         if time is None:
             # The latest arrival: no value is claimed for a time before it came.
             collected.time = self._own_time(machine, now)
-        collected.temperatures_c.update(temperatures_c)
-        collected.state.update(state)
+        # −0 is none.
+        collected.temperatures_c.update({k: v + 0.0 for k, v in temperatures_c.items()})
+        collected.state.update({k: v + 0.0 for k, v in state.items()})
         collected.asked.append((frozenset(temperatures_c), fate))
         if len(collected.asked) >= MOST_ASKED:
             self._close(key)

@@ -35,7 +35,7 @@ from app.controllers.iso_names import (
     iso_name,
     why_not_held,
 )
-from app.controllers.lines import LARGEST_ERROR_MM, Line, lines_of, plain
+from app.controllers.lines import LARGEST_ERROR_MM, Line, lines_of, plain, unsigned
 from app.geometry.components import Component
 
 TITLE: Final = "Etalon exchange format"
@@ -57,12 +57,12 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
         if curve.component.is_table:
             lines.append("Gridpoints = {")
             lines += [
-                f"  {plain(float(p), POSITION_DECIMALS)} {float(e):.{DECIMALS}f}"
+                f"  {plain(float(p), POSITION_DECIMALS)} {unsigned(float(e), DECIMALS)}"
                 for p, e in zip(at, errors, strict=True)
             ]
             lines.append("}")
         else:
-            lines.append(f"VALUE = {float(errors[0]):.{DECIMALS}f}")
+            lines.append(f"VALUE = {unsigned(float(errors[0]), DECIMALS)}")
     return Rendered([ControllerFile("thermap.etalon", "\n".join(lines) + "\n")], held)
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from app.controllers.error_table import Origin
 from app.controllers.format import SIGN_WORDS, ControllerFile, Format, Options
-from app.controllers.lines import LONGEST_LINE
+from app.controllers.lines import LONGEST_LINE, unsigned
 from app.errors import InvalidContent
 from app.units import iso_time
 
@@ -31,7 +31,9 @@ def head(
     values
         What the values are; where left out, what their sign says.
     """
-    temperatures = ", ".join(f"{s} {t:.2f}" for s, t in sorted(origin.temperatures_c.items()))
+    temperatures = ", ".join(
+        f"{s} {unsigned(t, 2)}" for s, t in sorted(origin.temperatures_c.items())
+    )
     # Defaults, too: another version may have others.
     stated = options.model_dump(
         mode="json", exclude_none=True, exclude=set(controller.options.layout)

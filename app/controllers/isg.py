@@ -37,7 +37,7 @@ from app.controllers.iso_names import (
     iso_name,
     why_not_held,
 )
-from app.controllers.lines import Line, lines_of, plain
+from app.controllers.lines import Line, lines_of, plain, unsigned
 from app.geometry.components import Component
 
 TITLE: Final = "ISG CSV"
@@ -72,7 +72,7 @@ def _block(argument: str, at: FloatArray, curves: Sequence[Curve], held: list[Cu
     names = [iso_name(curve.component) for curve in curves]
     lines = [" ".join([argument, *names]).strip()]
     for i, position in enumerate(at):
-        values = [f"{float(column[i]):.{DECIMALS}f}" for column in columns]
+        values = [unsigned(float(column[i]), DECIMALS) for column in columns]
         place = [plain(float(position), POSITION_DECIMALS)] if argument else []
         lines.append(" ".join([*place, *values]))
     return lines

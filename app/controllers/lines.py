@@ -46,7 +46,7 @@ class Line(NamedTuple):
         """Read a finite decimal number, or refuse the line."""
         if len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
             raise self.refuse(f"a number for {what}")
-        value = float(text)
+        value = float(text) + 0.0  # −0 is none
         if not math.isfinite(value):
             raise self.refuse(f"a finite number for {what}")
         return value
@@ -115,11 +115,20 @@ def fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 
+def unsigned(value: float, decimals: int) -> str:
+    """Write a number with so many decimals, without plus; there is no minus zero.
+
+    >>> unsigned(0.0001, 4), unsigned(-0.00004, 4), unsigned(-2100.0, 2)
+    ('0.0001', '0.0000', '-2100.00')
+    """
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
 def plain(value: float, decimals: int) -> str:
     """Write a number with at most so many decimals and no more than it needs.
 
     >>> plain(200.0, 6), plain(-0.0105, 6), plain(-1e-9, 6)
     ('200', '-0.0105', '0')
     """
-    text = f"{round(value, decimals) + 0.0:.{decimals}f}"
+    text = unsigned(value, decimals)
     return text.rstrip("0").rstrip(".") if "." in text else text

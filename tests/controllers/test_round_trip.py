@@ -1,5 +1,6 @@
 """What is written is read back: every format, bounded by its own resolution."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from tests.controllers.example_tables import (
     read_back,
     tables,
 )
+
+MINUS_ZERO = re.compile(r"(?m)^.*(?<![\w.)])[-−](?:0+(?:\.0*)?|\.0+)(?![\d.\w]).*$")
 
 SIGNED = [name for name, one in FORMATS.items() if one.sign is None]
 
@@ -80,6 +83,28 @@ OPTIONS = {
 """What may be stated of each format."""
 
 
+def assert_no_minus_zero(files):
+    for file in files:
+        assert not MINUS_ZERO.findall(file.content), file.content
+
+
+@pytest.mark.parametrize("tiny", [1e-12, 4e-5, 0.0])
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_file_has_a_minus_zero(name, tiny):
+    small = [-tiny, tiny, -tiny, 3.0]
+    at = [-100.0, -0.0, 100.0, 200.0]
+    table = error_table(
+        curve("EXX", at, small, [-v for v in small]),
+        *(curve(code, at, small) for code in ("EYX", "EYY", "EZZ", "EBX")),
+        curve("SXY", [], [-tiny]),
+    )
+    for sign in ("error", "compensation"):
+        options = NEEDED[name] | ({"sign": sign} if name in SIGNED else {})
+        found = export(format_named(name), table, options_of(format_named(name), options))
+        assert len(found.files) > 1
+        assert_no_minus_zero(found.files)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 @given(data=st.data(), table=tables(), axes=st.sampled_from(["xyz", "xz", "xy", "x"]),
@@ -94,6 +119,7 @@ def test_files_are_read_back_as_they_were_meant(name, data, table, axes, factor)
         found = export(controller, table, options)
     except InvalidContent:
         return
+    assert_no_minus_zero(found.files)
     written_with, read = read_files(controller, found.files, {})
     for option in stated.keys() - controller.options.layout:
         assert getattr(written_with, option) == getattr(options, option)

@@ -16,6 +16,7 @@ from weakref import ref
 import orjson
 from pydantic import TypeAdapter
 
+from app.api.json_text import without_minus_zeros
 from app.api.schemas.compensation import CompensationRequest
 from app.api.short_way.plain import MACHINES, Answer, ShortWay
 from app.api.table_json import OPTIONS, table_json
@@ -104,7 +105,7 @@ def _around_time(current: LiveModel, body: bytes) -> tuple[bytes, bytes]:
 
 
 def _answer(current: LiveModel, body: bytes, now: datetime) -> bytes:
-    stated = _REQUEST.validate_json(body)
+    stated = _REQUEST.validate_json(without_minus_zeros(body))
     names = len(stated.model_fields_set) + len(stated.temperatures_c) + len(stated.state)
     # JSON's parser keeps the last of two equal names; the ordinary way refuses them. Each name has
     # one colon, so that more of them are a repeated name, or a colon in a text: both go that way.

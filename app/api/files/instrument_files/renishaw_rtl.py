@@ -108,7 +108,7 @@ class _File:
         for mark in ".,":
             if mark in text:
                 self.marks.setdefault(mark, line)
-        return float(text.replace(",", "."))
+        return float(text.replace(",", ".")) + 0.0  # −0 is none
 
 
 def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeasurement:
