@@ -23,7 +23,7 @@ from tests.service_examples import ROOM, client_of, furnish_database
 
 pytestmark = pytest.mark.anyio
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "connections.md"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "thermap.toml"
 
 
 def file_of(tmp_path, text):
@@ -32,8 +32,7 @@ def file_of(tmp_path, text):
     return path
 
 
-def test_the_documented_file_is_one(tmp_path, monkeypatch):
-    examples = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+def test_the_example_is_a_file_of_connections(tmp_path, monkeypatch):
     write_application(tmp_path, "thermap", "urn:thermap")
     write_application(tmp_path, "press", "urn:press")
     (tmp_path / "trusted").mkdir()
@@ -43,7 +42,7 @@ def test_the_documented_file_is_one(tmp_path, monkeypatch):
     write_certificates(tmp_path)
     for name, given in (("server.pem", "thermap-1.pem"), ("server.key", "thermap-1.key")):
         (tmp_path / name).rename(tmp_path / given)
-    found = read_connections(file_of(tmp_path, "".join(examples)))
+    found = read_connections(file_of(tmp_path, EXAMPLE.read_text(encoding="utf-8")))
     (agent,) = found.mtconnect
     assert agent.sensors["x-middle"].item == "Xtemp"
     assert agent.sensors["z-column"].unit == "FAHRENHEIT"
