@@ -223,6 +223,11 @@ COMPONENTS: Final[dict[str, Component]] = {
 
 ORDER: Final[dict[str, int]] = {code: i for i, code in enumerate(COMPONENTS)}
 
+_ABOUT: Final = str.maketrans("ABC", "XYZ")
+"""The axis that a rotation is about."""
+
+_WITHOUT_BRACKETS: Final = str.maketrans("", "", "_()")
+
 _BY_OTHER_NAME: Final[dict[str, tuple[Component, int]]] = {
     **{c.chapter.replace("_", "").lower(): (c, 1) for c in COMPONENTS.values() if c.chapter},
     **{c.iso.lower(): (c, c.iso_sign) for c in COMPONENTS.values() if c.iso},
@@ -233,7 +238,30 @@ _BY_OTHER_NAME: Final[dict[str, tuple[Component, int]]] = {
         for c in COMPONENTS.values()
         if c.kind is Kind.ROTARY_LOCATION
     },
+    # E_XX and E_X(X) beside EXX; VDI 2617's xTy and xRz; δ_y(x) and ε_z(x) of the literature.
+    **{
+        c.code.lower(): (c, 1)
+        for c in COMPONENTS.values()
+        if re.fullmatch("E[A-CXYZ][XYZ]", c.code)
+    },
+    **{
+        f"{c.code[2]}{kind}{c.code[1].translate(_ABOUT)}".lower(): (c, 1)
+        for kind, letters in (("T", "XYZ"), ("R", "ABC"))
+        for c in COMPONENTS.values()
+        if re.fullmatch(f"E[{letters}][XYZ]", c.code)
+    },
+    **{
+        f"{letter}{c.code[1].translate(_ABOUT)}{c.code[2]}".lower(): (c, 1)
+        for letter, letters in (("δ", "XYZ"), ("ε", "ABC"))
+        for c in COMPONENTS.values()
+        if re.fullmatch(f"E[{letters}][XYZ]", c.code)
+    },
 }
+
+_UNSURE: Final = re.compile(
+    r"(?<![a-z])(?:[xyz]?(roll|pitch|yaw)(?![a-z]{2})|[xyz]w[xyz](?![a-z]))"
+)
+"""Names of other instruments that name no component surely."""
 
 
 def parse_component(name: str) -> tuple[Component, int]:
@@ -278,7 +306,28 @@ def find_component(name: str) -> tuple[Component, int] | None:
     exact = COMPONENTS.get(f"{head.upper()}{caret}{slope.lower()}")
     if exact is not None:
         return exact, 1
-    return _BY_OTHER_NAME.get(text.replace("_", "").lower())
+    plain = text.lower()
+    return _BY_OTHER_NAME.get(plain.replace("_", "")) or _BY_OTHER_NAME.get(
+        plain.translate(_WITHOUT_BRACKETS)
+    )
+
+
+def unsure_component(name: str) -> str:
+    """Say why a name that other instruments use names no component surely; else empty.
+
+    >>> unsure_component("Yaw X")
+    'expected a rotation by its axis, as EAX, EBX or ECX: which of them it is depends on which \
+axis is vertical, and its sign on the instrument'
+    """
+    found = _UNSURE.search(name.lower())
+    if found is None:
+        return ""
+    if found[1]:
+        return (
+            "expected a rotation by its axis, as EAX, EBX or ECX: which of them it is depends on "
+            "which axis is vertical, and its sign on the instrument"
+        )
+    return "expected a squareness as SXY or, with ISO 230-1's sign, C0Y: xWy states no sign"
 
 
 def unknown_component(name: str) -> str:
@@ -286,6 +335,8 @@ def unknown_component(name: str) -> str:
     name = shown(name, LONGEST_NAME)
     near = difflib.get_close_matches(name.upper(), COMPONENTS, n=3, cutoff=0.5)
     hint = f"; near it: {list_names(near)}" if near else ""
+    if unsure := unsure_component(name):
+        return f"{unsure}, got {name!r}"
     return (
         f"expected an error component such as EXX, EYX, EBX, SXY, EYY^x or, in the chapter's "
         f"notation, D_x(x), got {name!r}{hint}"

@@ -64,6 +64,42 @@ def test_components_are_known_by_every_name(tmp_path, heading):
     assert one == {"positions_mm": [-50.5, 50.5], "errors_um": [0.5, 1.5]}
 
 
+@pytest.mark.parametrize(
+    ("place", "unit", "number", "expected"),
+    [
+        ("in", "in", 0.001, 25.4),
+        ("inch", "mil", 1.0, 25.4),
+        ("in", "thou", 2.0, 50.8),
+        ("in", "µin", 100.0, 2.54),
+        ("in", "nm", 1500.0, 1.5),
+    ],
+)
+def test_inches_are_converted_exactly(tmp_path, place, unit, number, expected):
+    rows = [[f"X [{place}]", f"xTx [{unit}]"], [0.0, 0.0], [10.0, number]]
+    (exx,) = numbers(read(tmp_path, rows)).values()
+    assert exx == {"positions_mm": [0.0, 254.0], "errors_um": [0.0, expected]}
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected"), [("arcmin", 290.888208665722), ("′", 290.888208665722), ("nrad", 0.001),
+                           ("ppm", 1.0), ("µin/in", 1.0)]
+)  # fmt: skip
+def test_angles_in_other_units(tmp_path, unit, expected):
+    rows = [["X [mm]", f"E_BX [{unit}]"], [0.0, 0.0], [100.0, 1.0]]
+    (ebx,) = numbers(read(tmp_path, rows)).values()
+    assert ebx["errors_urad"][1] == pytest.approx(expected)
+
+
+def test_a_column_that_names_no_component_surely_is_refused(tmp_path):
+    rows = [["X [mm]", "EXX [µm]", "Yaw [arcsec]"], [0.0, 0.0, 0.0], [100.0, 1.0, 1.0]]
+    assert "expected a rotation by its axis, as EAX, EBX or ECX" in refusal(tmp_path, rows)
+
+
+def test_an_inch_mark_is_no_unit_of_angles(tmp_path):
+    rows = [["X [mm]", 'EBX ["]'], [0.0, 0.0], [100.0, 1.0]]
+    assert "expected EBX in µrad" in refusal(tmp_path, rows)
+
+
 def test_blocks_below_and_beside_each_other_have_their_own_positions(tmp_path):
     below = [*X, [], ["Y axis"], *Y, [], ["SXY", -12.5, "µm/m"], ["SYZ", 0.0025, "mm/m"]]
     beside = [[*a, "", *b] for a, b in zip(X, Y, strict=True)]

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from app.errors import UnknownComponent
 from app.geometry.chain import Chain
-from app.geometry.components import COMPONENTS, ORDER, Kind, parse_component
+from app.geometry.components import COMPONENTS, ORDER, Kind, parse_component, unsure_component
 from app.geometry.volumetric_error import volumetric_error
 
 # Section 8.1.1, in the order of the page: linear, vertical and horizontal straightness,
@@ -188,3 +188,28 @@ def test_what_nobody_calls_a_component_is_refused(name):
 def test_a_slip_of_the_pen_is_told_what_is_near():
     with pytest.raises(UnknownComponent, match=r"near it: .*EXX"):
         parse_component("EXXX")
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        *((f"E_{letter}{axis}", f"E{letter}{axis}") for letter in "XYZABC" for axis in "XYZ"),
+        *(("E_Y(X)", "EYX"), ("EC(z)", "ECZ"), ("E_XX", "EXX")),
+        *(("xTx", "EXX"), ("xTy", "EYX"), ("zTx", "EXZ"), ("XRY", "EBX"), ("yRz", "ECY")),
+        *(("δ_y(x)", "EYX"), ("δx(x)", "EXX"), ("ε_z(x)", "ECX"), ("εx(y)", "EAY")),
+    ],
+)
+def test_names_of_other_instruments_are_read_where_they_are_sure(name, code):
+    assert parse_component(name) == (COMPONENTS[code], 1)
+
+
+@pytest.mark.parametrize("name", ["yaw", "Pitch X", "X roll", "ROLL_Z", "xWy"])
+def test_names_that_are_not_sure_are_refused_with_what_is_read(name):
+    with pytest.raises(UnknownComponent, match=r"expected a (rotation|squareness)") as refusal:
+        parse_component(name)
+    assert f"got {name!r}" in refusal.value.detail
+
+
+@pytest.mark.parametrize("name", ["controller", "rolling", "xwyz"])
+def test_other_words_are_not_taken_for_them(name):
+    assert unsure_component(name) == ""

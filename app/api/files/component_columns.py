@@ -30,7 +30,12 @@ from app.api.files.csv_columns import (
 from app.api.files.delimited_text import DelimitedText, Row
 from app.decimal_text import read_number
 from app.errors import list_names
-from app.geometry.components import LINEAR_LETTERS, Component, find_component
+from app.geometry.components import (
+    LINEAR_LETTERS,
+    Component,
+    find_component,
+    unsure_component,
+)
 from app.thermal.error_map import impossible_error
 from app.units import Unit
 
@@ -259,7 +264,7 @@ _SHORTEST: Final = 3
 def _within(word: str) -> Sequence[str]:
     """Names in a word: `EXX` of `EXX_um`, and of `u(EXX)`."""
     inside = re.fullmatch(r"[us]\((.+)\)", word)
-    return (inside[1],) if inside else (word.partition("_")[0],)
+    return (inside[1],) if inside else (word.partition("_")[0], word.rpartition("_")[0])
 
 
 def _block(text: DelimitedText, row: Row, remarks: list[str], beside: Collection[str]) -> _Block:
@@ -281,6 +286,8 @@ def _block(text: DelimitedText, row: Row, remarks: list[str], beside: Collection
             nearest = index
             said = _POSITION.complaint(_POSITION.unit_in(heading) or "")
             text.problems.add(said, row.line, own.place(index))
+        elif unsure := unsure_component(heading):
+            text.problems.add(f"{unsure}, got {heading!r}", row.line, own.place(index))
         elif heading and heading.lower() not in beside:
             unread.append(heading)
     if unread:

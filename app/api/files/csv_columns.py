@@ -31,6 +31,7 @@ _SPELLINGS: Final = {
     "°c": " c",
     "°": " deg",
     "″": " arcsec",
+    "′": " arcmin",
     "↑": " forward ",
     "↓": " backward ",
 }
@@ -39,6 +40,7 @@ _UM_PER_MM, _MM_PER_M = Decimal(UM_PER_MM), Decimal(MM_PER_M)
 _URAD_PER_RAD, _RAD_PER_DEG = Decimal(URAD_PER_RAD), Decimal(math.pi) / 180
 _URAD_PER_DEG = _URAD_PER_RAD * _RAD_PER_DEG
 _ONE = Decimal(1)
+_MM_PER_IN = Decimal("25.4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +72,34 @@ class Quantity:
 
 
 LENGTH: Final = Quantity(
-    "um", {"um": _ONE, "micron": _ONE, "mm": _UM_PER_MM, "m": _UM_PER_MM * _MM_PER_M}
+    "um",
+    {
+        "um": _ONE,
+        "micron": _ONE,
+        "nm": _ONE / _UM_PER_MM,
+        "mm": _UM_PER_MM,
+        "m": _UM_PER_MM * _MM_PER_M,
+        **dict.fromkeys(("in", "inch", "inches"), _MM_PER_IN * _UM_PER_MM),
+        **dict.fromkeys(("mil", "mils", "thou"), _MM_PER_IN),
+        **dict.fromkeys(("uin", "microinch"), _MM_PER_IN / _UM_PER_MM),
+    },
 )
-POSITION: Final = Quantity("mm", {"mm": _ONE, "um": _ONE / _UM_PER_MM, "m": _MM_PER_M})
+POSITION: Final = Quantity(
+    "mm",
+    {
+        "mm": _ONE,
+        "um": _ONE / _UM_PER_MM,
+        "m": _MM_PER_M,
+        **dict.fromkeys(("in", "inch", "inches"), _MM_PER_IN),
+    },
+)
 SMALL_ANGLE: Final = Quantity(
     "urad",
     {
         "urad": _ONE,
         "um_per_m": _ONE,
+        **dict.fromkeys(("ppm", "uin_per_in"), _ONE),
+        "nrad": _ONE / _UM_PER_MM,
         "mrad": _URAD_PER_RAD / _MM_PER_M,
         "mm_per_m": _URAD_PER_RAD / _MM_PER_M,
         "rad": _URAD_PER_RAD,
