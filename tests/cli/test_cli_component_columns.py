@@ -228,3 +228,21 @@ def test_sheets_of_a_check_are_measured_when_the_protocol_says(tmp_path):
     assert found.body["observations"][-1]["measured_um_per_m"] == 3.5
     with pytest.raises(UnreadableFile, match="expected a column time, or `# measured_at"):
         read_csv_verification(workbook(tmp_path / "none.xlsx", X))
+
+
+def test_columns_of_states_stand_beside_components_of_a_check(tmp_path):
+    rows = [
+        ["time", "State: coolant", "X [mm]", "EXX [µm]", "EYX [µm]", "state spindle_rpm", "by"],
+        ["2026-03-01T06:00:00Z", 1, 100.5, 1.5, 2.5, 3000, "me"],
+        ["2026-03-01T06:01:00Z", "", 200.5, 2.5, "", 0, ""],
+    ]
+    found = read_csv_verification(workbook(tmp_path / "check.xlsx", rows))
+    assert [one["state"] for one in found.body["observations"]] == [
+        {"coolant": 1.0, "spindle_rpm": 3000.0},
+        {"coolant": 1.0, "spindle_rpm": 3000.0},
+        {"spindle_rpm": 0.0},
+    ]
+    assert found.remarks == ["line 1: columns that are not read: by"]
+    rows[1][1] = "on"
+    with pytest.raises(UnreadableFile, match="expected a number"):
+        read_csv_verification(workbook(tmp_path / "wrong.xlsx", rows))

@@ -270,24 +270,24 @@ def test_the_tables_of_units_agree_with_each_other():
     [
         ("six-dof", "position_mm,linear [furlong]",
          "column 2 (linear [furlong]): expected the unit of linear in the name, such as linear_um "
-         "(um, micron, mm, m), got the unit 'furlong'"),
+         "(um, micron, nm, mm, m, in, inch, mil, thou, uin), got the unit 'furlong'"),
         ("six-dof", "position_mm,linear [µm/m]", "got the unit 'um_per_m'"),
         ("six-dof", "position_mm,linear", "column 2 (linear): expected the unit of linear in the "
-         "name, such as linear_um (um, micron, mm, m), got no unit"),
+         "name, such as linear_um (um, micron, nm, mm, m, in, inch, mil, thou, uin), got no unit"),
         ("six-dof", "position,linear_um", "column 1 (position): expected the unit of position in "
-         "the name, such as position_mm (mm, um, m), got no unit"),
+         "the name, such as position_mm (mm, um, m, in, inch), got no unit"),
         ("six-dof", "position_mm,linear_um,linear_mm",
          "expected linear in one column, got linear_um and linear_mm"),
         ("six-dof", "position_mm,by", "expected columns of the axis x among linear_um, "
          "straightness_y_um, straightness_z_um, angular_a_urad"),
         ("six-dof", "linear_um,by", "expected the columns position_mm (and may be linear_um"),
-        ("machined-part", "position_mm,measured_inch", "got the unit 'inch'"),
+        ("machined-part", "position_mm,measured_ell", "got the unit 'ell'"),
         ("rotary-axis", "angle_deg,x_mm,y_mm", "expected the columns angle_deg, x_mm, y_mm, z_mm, "
          "without z_mm got angle_deg, x_mm, y_mm"),
         ("rotary-axis", "angle_mm,x_mm,y_mm,z_mm", "column 1 (angle_mm): expected the unit of "
          "angle in the name, such as angle_deg (deg, rad), got the unit 'mm'"),
         ("drilled-plate", "nom_x,nom_y,meas_x,meas_y", "column 4 (meas_y): expected the unit of "
-         "measured_y in the name, such as measured_y_mm (mm, um, m), got no unit"),
+         "measured_y in the name, such as measured_y_mm (mm, um, m, in, inch), got no unit"),
         ("positioning", "target_mm,run", "expected the columns target_mm, error_um (and may be "
          "run, direction), without error_um got target_mm, run"),
         ("positioning", "target_mm,forward_1_furlong", "expected the unit of forward_1 in"),
@@ -365,7 +365,7 @@ def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
         ("step-diagonal", "# origin_mm: 0, 0\n# step_mm: 1 1 1", "line 1: expected 3 numbers in mm "
          "such as `# origin_mm: 0, 0, 0`, got '0, 0'"),
         ("step-diagonal", "# origin: 0, 0, 0\n# step_mm: 1 1 1", "line 1: expected the unit of "
-         "origin in the name, such as origin_mm (mm, um, m), got no unit"),
+         "origin in the name, such as origin_mm (mm, um, m, in, inch), got no unit"),
         ("step-diagonal", "# origin [ell]: 0, 0, 0\n# step_mm: 1 1 1", "got the unit 'ell'"),
         ("step-diagonal", "# origin_mm: 0 0 0\n# origin_mm: 0 0 0\n# step_mm: 1 1 1",
          "line 2: expected origin_mm once, came again"),

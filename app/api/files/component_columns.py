@@ -24,6 +24,7 @@ from app.api.files.csv_columns import (
     Column,
     Named,
     Quantity,
+    name_after,
     named,
     normal_heading,
 )
@@ -170,7 +171,7 @@ def read_component_tables(
     remarks
         Takes up which columns are not read, and which units are the components' own.
     beside
-        Columns that somebody reads beside the components.
+        Columns that somebody reads beside the components, by their names or first words.
     """
     found = ComponentTables()
     block: _Block | None = None
@@ -288,7 +289,7 @@ def _block(text: DelimitedText, row: Row, remarks: list[str], beside: Collection
             text.problems.add(said, row.line, own.place(index))
         elif unsure := unsure_component(heading):
             text.problems.add(f"{unsure}, got {heading!r}", row.line, own.place(index))
-        elif heading and heading.lower() not in beside:
+        elif heading and not any(heading.lower() == n or name_after(n, heading) for n in beside):
             unread.append(heading)
     if unread:
         remarks.append(f"line {row.line}: columns that are not read: {list_names(unread)}")

@@ -79,9 +79,9 @@ LENGTH: Final = Quantity(
         "nm": _ONE / _UM_PER_MM,
         "mm": _UM_PER_MM,
         "m": _UM_PER_MM * _MM_PER_M,
-        **dict.fromkeys(("in", "inch", "inches"), _MM_PER_IN * _UM_PER_MM),
-        **dict.fromkeys(("mil", "mils", "thou"), _MM_PER_IN),
-        **dict.fromkeys(("uin", "microinch"), _MM_PER_IN / _UM_PER_MM),
+        **dict.fromkeys(("in", "inch"), _MM_PER_IN * _UM_PER_MM),
+        **dict.fromkeys(("mil", "thou"), _MM_PER_IN),
+        "uin": _MM_PER_IN / _UM_PER_MM,
     },
 )
 POSITION: Final = Quantity(
@@ -90,7 +90,7 @@ POSITION: Final = Quantity(
         "mm": _ONE,
         "um": _ONE / _UM_PER_MM,
         "m": _MM_PER_M,
-        **dict.fromkeys(("in", "inch", "inches"), _MM_PER_IN),
+        **dict.fromkeys(("in", "inch"), _MM_PER_IN),
     },
 )
 SMALL_ANGLE: Final = Quantity(

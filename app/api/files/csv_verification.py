@@ -64,7 +64,7 @@ _DATUM: Final = choice_among("datum", *(str(datum) for datum in Datum))
 _STATEMENTS: Final[tuple[Statement, ...]] = (_DATUM, REPEATABILITY)
 _READ_OF_COMMENTS: Final = frozenset({"label", "instrument"})
 
-_BESIDE: Final = ("time", "direction", "setup")
+_BESIDE: Final = ("time", "direction", "setup", STATE)
 """Columns that stand beside those of components."""
 
 _ANGLES: Final = (Unit.URAD, Unit.UM_PER_M)
@@ -169,6 +169,7 @@ def _of_component_columns(
     if unread:
         remarks.append(f"comment lines that say nothing of a verification: {list_names(unread)}")
     observations: list[Body] = []
+    states: dict[int, Mapping[int, str]] = {}
     lines = []
     for one in tables.values:
         time = one.beside("time") or whole
@@ -192,6 +193,9 @@ def _of_component_columns(
         stated = _sign(one)
         found |= {"direction": stated} if stated else {}
         found |= {"setup": setup} if (setup := one.beside("setup")) else {}
+        if (text := id(one.text)) not in states:
+            states[text] = names_after(one.text, STATE)
+        found |= _state(one.text, states[text], one.row)
         if not is_planned:
             found[f"measured_{one.column.component.unit}"] = one.value
         observations.append(found)
@@ -293,11 +297,16 @@ def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_plann
     """Read one line."""
     columns.moment(row, "time")  # the service reads it itself; what is wrong is noted here
     found: Body = {"time": columns.word(row, "time"), **_what(columns, row, is_planned)}
-    state = {name: columns.text.number(row, i) for i, name in states.items()}
-    known = {name: value for name, value in state.items() if value is not None}
     setup = columns.word(row, "setup")
     found |= {"setup": setup} if setup else {}
-    return found | ({"state": known} if known else {})
+    return found | _state(columns.text, states, row)
+
+
+def _state(text: DelimitedText, states: Mapping[int, str], row: Row) -> Body:
+    """Read the columns of states of one line, as far as it has them."""
+    stated = {n: text.number(row, i) for i, n in states.items() if i < len(row.cells)}
+    known = {name: value for name, value in stated.items() if value is not None}
+    return {"state": known} if known else {}
 
 
 def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
