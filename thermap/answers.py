@@ -661,6 +661,11 @@ class Event(Shape):
     count: int
     """How often it came within ten minutes of going; 1 for changes"""
 
+    text_now: str | None
+    """What an alarm or a sensor's failure says now, where it began in other words: figures change
+    while it lasts. Null once it went, for changes, and in streams
+    """
+
 
 class Events(Shape):
     """Events, the newest first."""
@@ -1255,6 +1260,11 @@ class NotAdopted(Shape):
 
     effects: list[str]
     """Each in one sentence"""
+
+    needs_analysis: bool
+    """Whether the active version has other effects of the analysis: then a new one is needed to
+    adopt these
+    """
 
 
 class NotHeldAnswer(Shape):
@@ -3122,8 +3132,8 @@ class MachineStatus(Shape):
     """By how much the latest verification of the active model was off; null before the first"""
 
     not_adopted: NotAdopted | None
-    """What the latest analysis of the active model confirmed and is not in the table; null where
-    there is none, or where effects of that analysis were adopted
+    """What the latest analysis of the active model confirmed and is not in the table, be it that
+    other effects of it were adopted; null where there is none
     """
 
     analysis: RunningAnalysis | None

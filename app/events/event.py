@@ -63,6 +63,9 @@ class Event(Answer):
     """When an alarm or a sensor's failure went, null while it lasts, and for changes"""
     count: int
     """How often it came within ten minutes of going; 1 for changes"""
+    text_now: str | None = None
+    """What an alarm or a sensor's failure says now, where it began in other words: figures change
+    while it lasts. Null once it went, for changes, and in streams"""
 
 
 @dataclass(frozen=True, slots=True)

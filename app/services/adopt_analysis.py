@@ -80,6 +80,7 @@ def adopt_analysis(
             accept_losses=accept_losses,
         )
         row.adopted_version = made.version.version
+        row.confirmed = chosen.left_out
     return made
 
 
@@ -106,8 +107,12 @@ def preview_adoption(
 
 
 class _Chosen(NamedTuple):
-    """What an analysis adds to a model, what it makes of the effects there, and why."""
+    """What an analysis adds to a model, what it makes of the effects there, and why.
 
+    `left_out` are the sentences of effects that it confirmed, too, and that nobody chose.
+    """
+
+    left_out: list[str]
     effects: list[Effect]
     refitted: list[RefittedEffect]
     reason: str
@@ -122,7 +127,12 @@ def _chosen(
     if not onto_active:
         _check_active(change, row)
     _check_unlike(change, row, effects)
-    return _Chosen(effects, *_refitted(change, row, result, chosen))
+    left_out = [
+        one.explanation
+        for place, one in enumerate(result.effects)
+        if place not in chosen and one.helps and one.status == "confirmed"
+    ]
+    return _Chosen(left_out, effects, *_refitted(change, row, result, chosen))
 
 
 def _refitted(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from time import monotonic
 from typing import Final, NamedTuple, TypeAlias
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, TypeAlias
 from sqlalchemy.orm import Session
 
 from app.errors import StorageUnavailable
-from app.events.event import Event, EventKind, Events
+from app.events.event import PASSING, Event, EventKind, Events
 from app.live.registry import LiveMachine
 from app.services.background import Background
 from app.services.context import Context
@@ -82,7 +82,27 @@ def show_events(
             limit=limit + 1,
         )
     rest = len(found) > limit
-    return Events(tuple(found[:limit]), str(found[limit - 1].id) if rest else None)
+    events = _with_words_now(context, found[:limit])
+    return Events(tuple(events), str(found[limit - 1].id) if rest else None)
+
+
+def _with_words_now(context: Context, events: Sequence[Event]) -> list[Event]:
+    """Add what alarms that last say now: their figures are no longer those of their beginning."""
+    lasting = {e.machine for e in events if e.until is None and e.kind in PASSING}
+    machines = [live for name in lasting if name and (live := context.live.get(name)) is not None]
+    stored = stored_of_machines(context) if machines else Stored()
+    words: dict[str, list[_Matter]] = {}
+    for live in machines:
+        status = status_of(context, live, stored)
+        now = _lasting(status)
+        words[status.machine] = [*now.alarms.values(), *now.sensors.values()]
+
+    def updated(event: Event) -> Event:
+        matters = words.get(event.machine or "", ()) if event.until is None else ()
+        text = next((text for text, details in matters if details == event.details), event.text)
+        return event if text == event.text else replace(event, text_now=text)
+
+    return [updated(event) if event.kind in PASSING else event for event in events]
 
 
 def show_alarms(context: Context) -> dict[str, list[Event]]:

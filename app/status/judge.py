@@ -473,10 +473,11 @@ def _checked(situation: Situation) -> Iterator[Cause]:
     if situation.not_adopted is not None:
         effects = situation.not_adopted.effects
         more = f", and {len(effects) - 1} more" if len(effects) > 1 else ""
+        what = "Analyse again and adopt it" if situation.not_adopted.needs_analysis else "Adopt it"
         yield Cause(
             State.EFFECT_NOT_ADOPTED,
             f"Analysis {situation.not_adopted.analysis} confirmed what the table does not have: "
-            f"{effects[0].removesuffix('.')}{more}. Adopt it.",
+            f"{effects[0].removesuffix('.')}{more}. {what}.",
         )
 
 

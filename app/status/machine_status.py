@@ -232,6 +232,9 @@ class NotAdopted(Answer):
     """Number of the analysis"""
     effects: tuple[str, ...]
     """Each in one sentence"""
+    needs_analysis: bool = False
+    """Whether the active version has other effects of the analysis: then a new one is needed to
+    adopt these"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,8 +297,8 @@ class MachineStatus(Answer):
     last_check: LastCheck | None
     """By how much the latest verification of the active model was off; null before the first"""
     not_adopted: NotAdopted | None
-    """What the latest analysis of the active model confirmed and is not in the table; null where
-    there is none, or where effects of that analysis were adopted"""
+    """What the latest analysis of the active model confirmed and is not in the table, be it that
+    other effects of it were adopted; null where there is none"""
     analysis: RunningAnalysis | None
     """The analysis that waits or runs"""
     sensors: tuple[SensorNow, ...]

@@ -220,22 +220,25 @@ def unfinished_analyses(session: Session) -> dict[str, RunningAnalysis]:
 
 
 def analyses_not_adopted(session: Session) -> dict[str, NotAdopted]:
-    """Give what the latest analysis of each machine's active version confirmed in vain."""
+    """Give what the latest analysis of each machine's active version confirmed in vain.
+
+    That is also one of which the active version has a part, as far as it was left out.
+    """
+    adopted = AnalysisRow.adopted_version
+    version = func.coalesce(adopted, AnalysisRow.model_version)
     query = (
-        select(AnalysisRow.machine_id, AnalysisRow.id, AnalysisRow.confirmed)
+        select(AnalysisRow.machine_id, AnalysisRow.id, AnalysisRow.confirmed, adopted)
         .join(
             MachineRow,
-            (MachineRow.id == AnalysisRow.machine_id)
-            & (MachineRow.active_version == AnalysisRow.model_version),
+            (MachineRow.id == AnalysisRow.machine_id) & (MachineRow.active_version == version),
         )
         .where(AnalysisRow.status == AnalysisStatus.DONE)
-        .where(AnalysisRow.adopted_version.is_(None))
         .order_by(AnalysisRow.id)
     )
-    latest = {machine: (number, effects) for machine, number, effects in session.execute(query)}
+    latest = {machine: found for machine, *found in session.execute(query)}
     return {
-        machine: NotAdopted(number, tuple(effects))
-        for machine, (number, effects) in latest.items()
+        machine: NotAdopted(number, tuple(effects), needs_analysis=adopted_version is not None)
+        for machine, (number, effects, adopted_version) in latest.items()
         if effects
     }
 

@@ -79,7 +79,6 @@ def begin_passing(
     if last is not None and last.until is not None and now - last.until <= COMES_AGAIN_WITHIN:
         last.until = None
         last.count += 1
-        last.text = text  # it is about the same, in other figures
         note_entry(session, last)
         return
     _add(session, _new(machine_id, kind, subject, SERVICE, text, now, details))

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -380,7 +381,8 @@ async def test_what_was_confirmed_and_not_adopted_is_in_the_verdict(app, client)
     number = store_done(app, confirmed)
     status = (await client.get(f"{OTHER_ROOM}/status")).json()
     assert (status["verdict"], status["state"]) == ("limited", "effect-not-adopted")
-    assert status["not_adopted"] == {"analysis": number, "effects": [confirmed["explanation"]]}
+    not_adopted = {"analysis": number, "effects": [confirmed["explanation"]]}
+    assert status["not_adopted"] == not_adopted | {"needs_analysis": False}
     assert status["sentences"][0] == (
         f"Analysis {number} confirmed what the table does not have: "
         f"{confirmed['explanation'].removesuffix('.')}. Adopt it."
@@ -388,3 +390,32 @@ async def test_what_was_confirmed_and_not_adopted_is_in_the_verdict(app, client)
     assert (await client.post(f"{OTHER_ROOM}/analyses/{number}/adopt")).status_code == 200
     status = (await client.get(f"{OTHER_ROOM}/status")).json()
     assert (status["model_version"], status["not_adopted"]) == (4, None)
+
+
+async def test_what_was_confirmed_and_left_out_of_an_adoption_counts_as_not_adopted(app, client):
+    body = reading(START, 25.0)
+    assert (await client.post(f"{OTHER_ROOM}/readings", json=body)).status_code == 201
+    adopted = found(OUTDATED, helps=True) | {"status": "confirmed"}
+    other = replace(
+        OUTDATED, components=("EZX",), terms=(Term("EZX", Always(), Everywhere(), 3.0),)
+    )
+    left = found(other, helps=True) | {"status": "confirmed"}
+    unsure = found(EXCHANGED, helps=False) | {"status": "suspected"}
+    number = store_done(app, adopted, left, unsure)
+    path = f"{OTHER_ROOM}/analyses/{number}/adopt"
+    assert (await client.post(path, json={"effects": [0]})).status_code == 200
+    status = (await client.get(f"{OTHER_ROOM}/status")).json()
+    assert (status["model_version"], status["verdict"]) == (4, "limited")
+    assert status["not_adopted"] == {
+        "analysis": number,
+        "effects": [left["explanation"]],
+        "needs_analysis": True,
+    }
+    assert status["sentences"][0].endswith("Analyse again and adopt it.")
+    # A later analysis of the version that has the part says what is so now.
+    result = RESULTS.read_text(json.dumps(NOTHING | {"effects": []}))
+    with app.state.context.database.writing() as session:
+        later = insert_analysis(session, "mcfv5050", AnalysisTask(4, [1], 0.3, None, 0), LATER).id
+        assert begin_analysis(session, later, "somebody", LATER)
+        assert finish_analysis(session, later, "somebody", RESULTS.text(result), LATER)
+    assert (await client.get(f"{OTHER_ROOM}/status")).json()["not_adopted"] is None

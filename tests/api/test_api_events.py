@@ -126,14 +126,23 @@ async def test_an_alarm_is_one_row_that_comes_goes_and_is_counted(app, client, c
     assert alarm["details"] == {"state": "clamped", "about": "x-middle, z-column"}
     assert (alarm["who"], alarm["until"], alarm["count"]) == ("service", None, 1)
     assert "0.50 K above" in alarm["text"]
+    assert alarm["text_now"] is None
+    await at(30.9, 60)
+    (alarm,) = await alarms()
+    assert "0.50 K above" in alarm["text"]  # what it said when it came
+    assert "0.90 K above" in alarm["text_now"]
+    page = (await client.get("/machines/mcfv5050/events")).text
+    assert "0.90 K above" in page
+    assert "0.50 K above" in page
     await at(29.8, 60)
     await at(29.8, 60)
     (alarm,) = await alarms()
-    assert alarm["until"] is not None
+    assert (alarm["until"] is None, alarm["text_now"]) == (False, None)
     await at(30.7, 60)
     (alarm,) = await alarms()
     assert (alarm["count"], alarm["until"]) == (2, None)
-    assert "0.70 K above" in alarm["text"]  # what lasts is what is the matter now
+    assert "0.50 K above" in alarm["text"]
+    assert "0.70 K above" in alarm["text_now"]
     # Another service, or the same after a restart, writes nothing twice.
     other = AlarmLog(app.state.context)
     other.look()

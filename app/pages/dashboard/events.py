@@ -65,6 +65,7 @@ def event_row(event: Event) -> dict[str, object]:
         "is_passing": is_passing,
         "symbol": _symbol(event),
         "text": event.text,
+        "text_now": event.text_now,
         "who": event.who,
         "count": event.count,
     }
