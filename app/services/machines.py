@@ -56,7 +56,7 @@ def create_machine(context: Context, machine: Machine) -> StoredMachine:
         with context.database.writing() as session:
             stored = insert_machine(session, machine, context.now())
             unbind_keys(session, machine.id, context.now())
-            write_event(session, machine.id, EventKind.MACHINE, "machine made", context.now())
+            write_event(session, machine.id, EventKind.MACHINE, "machine created", context.now())
     except IntegrityError:
         raise Conflict(
             f"there is a machine {machine.id!r} already; change it, or choose another id"

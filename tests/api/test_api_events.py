@@ -49,7 +49,7 @@ async def test_changes_are_told_with_who_made_them_newest_first(client):
     assert texts[3].startswith("v4 active: ")
     assert "Run #9" in texts[3]
     assert found[3]["who"] == "127.0.0.1, cell-controller/7"
-    assert texts[-1] == "machine made"
+    assert texts[-1] == "machine created"
     assert {event["kind"] for event in found} == {"readings", "machine", "model"}
     assert all((e["machine"], e["count"], e["until"]) == ("mcfv5050", 1, None) for e in found)
 

@@ -222,6 +222,24 @@ def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
         assert wrong == []
 
 
+def test_paper_has_the_facts_in_their_frame_and_no_buttons(chromium, shop):
+    """A4 at 96 dpi, without its margins; the active version is as black as on the screen."""
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.feed(25.0)
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 718, "height": 1040})
+        for path in ("", "/maps"):
+            page.goto(f"{shop.url}/machines/mcfv5050{path}")
+            assert page.locator("main button:visible, input:visible, summary:visible").count() == 0
+            assert page.locator("html").evaluate("e => e.scrollWidth") <= 718
+        knot = page.locator(".timeline .active .knot")
+        assert knot.evaluate("e => getComputedStyle(e).printColorAdjust") == "exact"
+        page.goto(f"{shop.url}/machines/mcfv5050")
+        frame, facts = (page.locator(one).bounding_box() for one in (".verdict", ".verdict dl"))
+        assert facts["x"] + facts["width"] <= frame["x"] + frame["width"]
+        assert wrong == []
+
+
 @pytest.mark.parametrize("size", ["upright", "panel"])
 def test_every_column_of_the_machines_is_on_the_screen(chromium, shop, size):
     """Nobody looks for a compensation behind the edge of a table that scrolls."""

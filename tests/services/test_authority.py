@@ -411,7 +411,7 @@ async def test_the_log_of_an_older_machine_is_not_read_with_a_key_for_the_new_on
                 texts[name, path] = [e["text"] for e in events if e["machine"] == "mcfv5050"]
             page = (await client.get("/machines/mcfv5050")).text
             assert ("of the old one" in page) == (name == "all")
-    new = ["of the new one", "machine made"]
+    new = ["of the new one", "machine created"]
     assert texts["new", "/v1/events"] == texts["new", f"{ROOM}/events"] == new
     assert texts["all", "/v1/events"][:2] == new
     assert "of the old one" in texts["all", "/v1/events"]

@@ -180,7 +180,7 @@ async function store(path, acceptLosses) {
   const title = isMap ? `Map ‘${stored.label}’ is stored${waits}` : `Check ‘${stored.label}’ is stored.`;
   const lines = stored.judgement ? [stored.judgement.summary] : [];
   say(title, [...lines, ...(stored.warnings ?? [])], "fine");
-  const [other, words] = isMap ? ["maps", "Maps and versions"] : ["loop", "Verify"];
+  const [other, words] = isMap ? ["maps", "Maps and versions"] : ["loop", "Loop"];
   if (!location.pathname.endsWith(`/${other}`)) {
     const link = element("a", words);
     link.href = `/machines/${machine}/${other}`;
