@@ -73,8 +73,8 @@ def test_a_plot_has_each_value_at_its_place_and_is_small_however_many_there_are(
     zero = FINENESS * round(SIZE / FINENESS * 3.0 / 4.25)
     assert f'<polyline class="now" points="0,{zero} 250,120 1000,1000"/>' in exx.svg
     many = [
-        {"component": "EXX", "position_mm": i % 97, "measured_um": i % 13} for i in range(20_000)
+        {"component": "EXX", "position_mm": i % 97, "measured_um": i % 13} for i in range(4_000)
     ]
     (one,) = the_check(many).components
-    assert one.count == 20_000
+    assert one.count == 4_000
     assert len(re.findall(r"\d+,\d+", one.svg)) <= 97 * 13

@@ -97,7 +97,7 @@ def test_each_line_has_both_directions_offsets_and_a_replicate(campaign_of):
             assert not others.any()
 
 
-@pytest.mark.parametrize(("visits", "observations"), [(20, 216), (12, 40), (5, 12)])
+@pytest.mark.parametrize(("visits", "observations"), [(4, 216), (12, 40), (5, 12)])
 def test_sizes(visits, observations):
     campaign = make_campaign(2, visits=visits, observations_per_visit=observations)
     sizes = [len(v["observations"]) for v in campaign.verifications]
