@@ -264,6 +264,33 @@ def test_the_active_version_is_on_a_small_screen(chromium, shop):
         assert wrong == []
 
 
+def test_a_phone_shows_the_answers_and_which_page_it_is(chromium, shop):
+    """The length of an error, what happened, and the page among all pages are behind no edge."""
+    with shop.open(), opened(chromium, shop, "phone") as (page, wrong):
+        shop.feed(31.4)
+        for path, place in (("volume", "#corners .scroll"), ("events", "#events")):
+            page.goto(f"{shop.url}/machines/mcfv5050/{path}")
+            assert page.locator(place).evaluate("e => e.scrollWidth <= e.clientWidth + 1")
+            box = page.locator(".bar nav [aria-current]").bounding_box()
+            assert box["x"] + box["width"] <= SIZES["phone"][0]
+        what = page.locator(".events tbody td:nth-child(3)").first.bounding_box()
+        assert what["width"] > 250
+        assert wrong == []
+
+
+def test_the_theme_that_was_chosen_is_given_up_again(chromium, shop):
+    with shop.open(), opened(chromium, shop, color_scheme="dark") as (page, wrong):
+        page.goto(shop.url)
+        schemes = []
+        for _ in range(2):
+            page.locator("#theme").click()
+            schemes.append(page.locator("html").evaluate("e => getComputedStyle(e).colorScheme"))
+            page.reload()
+        assert schemes == ["light", "dark"]
+        assert page.evaluate("localStorage.getItem('thermap-theme')") == ""
+        assert wrong == []
+
+
 def test_what_is_for_readers_alone_is_seen_on_no_screen(chromium, shop):
     """Also within a head that sticks, on a screen wider than it was once moved aside."""
     with shop.open(), opened(chromium, shop, "wide") as (page, wrong):

@@ -182,9 +182,14 @@ setInterval(root.dataset.still ? askStill : ask, 10000);
 
 document.getElementById("theme").addEventListener("click", () => {
   const isDark = getComputedStyle(root).colorScheme === "dark";
-  root.dataset.theme = isDark ? "light" : "dark";
-  localStorage.setItem("thermap-theme", root.dataset.theme);
+  // What was chosen is given up again: then the theme is the system's.
+  if (root.dataset.theme) delete root.dataset.theme;
+  else root.dataset.theme = isDark ? "light" : "dark";
+  localStorage.setItem("thermap-theme", root.dataset.theme ?? "");
 });
+
+// Of many pages that of this one may lie behind the edge of a small screen.
+document.querySelector(".bar nav [aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
 
 // Escape leaves an open question as it is; only where there is none it leaves the page.
 document.addEventListener("keydown", (event) => {
