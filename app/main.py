@@ -287,6 +287,8 @@ def _add_documentation(service: ThermapService) -> None:
 
     service.mount("/assets", _Files(packages=[("app.pages", "assets")]), "assets")
 
+    title = service.title  # and not the service, as `openapi_document` says
+
     @service.get("/docs", include_in_schema=False)
     async def get_docs() -> Page:
-        return swagger_page(service.title)
+        return swagger_page(title)

@@ -9,6 +9,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from pydantic import Field, TypeAdapter
+from starlette.requests import Request
 from starlette.responses import JSONResponse
 
 from app.answer import Answer, answers
@@ -129,10 +130,16 @@ def document_problems(service: FastAPI) -> None:
 
     service.openapi = openapi  # type: ignore[method-assign]
 
-    # In a thread: it takes seconds to write the first time, in which tables go on.
-    @service.get(DOCUMENT, include_in_schema=False)
-    def openapi_document() -> JSONResponse:
-        return JSONResponse(service.openapi())
+    service.get(DOCUMENT, include_in_schema=False)(openapi_document)
+
+
+def openapi_document(request: Request) -> JSONResponse:
+    """Answer with the document, in a thread: it takes seconds to write the first time.
+
+    The service is the request's. FastAPI remembers each route's function for good, and with it
+    whatever that function closes over: a service that has ended would stay in memory.
+    """
+    return JSONResponse(request.app.openapi())
 
 
 def _as_published(document: dict[str, Any]) -> dict[str, Any]:

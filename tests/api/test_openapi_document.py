@@ -1,7 +1,9 @@
 """The OpenAPI document says of every field what it is and in which unit."""
 
+import gc
 import json
 import re
+import weakref
 from inspect import iscoroutinefunction
 
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from app.api.openapi import DOCUMENT
 from app.units import unit_of_field
 from scripts.openapi_document import openapi_document
+from tests.service_examples import running
 
 NO_UNIT = {
     *("weight", "r", "confidence_95", "ratio", "ratios", "exaggeration"),
@@ -163,3 +166,12 @@ def test_it_is_written_in_a_thread(app):
     """It takes seconds the first time, in which tables go on."""
     (route,) = [r for r in app.routes if getattr(r, "path", "") == DOCUMENT]
     assert not iscoroutinefunction(route.endpoint)
+
+
+def test_nothing_holds_a_service_that_has_ended(sqlite_url):
+    """FastAPI remembers the functions of routes, and all that these close over."""
+    with running(sqlite_url) as service:
+        ended = weakref.ref(service)
+    del service
+    gc.collect()
+    assert ended() is None
