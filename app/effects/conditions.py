@@ -20,7 +20,6 @@ from app.effects.low_pass import (
     UNREAD,
     Filtered,
     FromStart,
-    Hold,
     LagState,
     beginnings,
     last_state,
@@ -40,14 +39,6 @@ RATE_OVER_S: Final = 600.0
 
 STATE_GAP_S: Final = 600.0
 """A state counts for so long after its reading where no sensor says otherwise [s]."""
-
-BETWEEN_READINGS: Final = Hold.LINEAR
-"""What a low-pass takes a signal to do between two readings, a temperature or a state.
-
-A state changes at once, at any moment between two readings: in the mean halfway, as on a straight
-line. If the first of them held until the second, all that follows late would follow half an
-interval later than it does, and its time constant would be found too short by that.
-"""
 
 ABOUT_S: Final = 60.0 * np.arange(-5.0, 6.0)
 """Times about which a sensor is read where it is asked what it read at another time [s].
@@ -196,7 +187,6 @@ class Recording:
 
     times_s: FloatArray
     values: FloatArray
-    hold: Hold
     max_gap_s: float
     begins_s: FloatArray
 
@@ -210,9 +200,9 @@ class Recording:
 
     def _filter(
         self, signal: Signal, time_constant_s: float
-    ) -> tuple[FloatArray, FloatArray, float, Hold, float, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
         inputs = signal.of(self.values)
-        return self.times_s, inputs, time_constant_s, self.hold, self.max_gap_s, self.begins_s
+        return self.times_s, inputs, time_constant_s, self.max_gap_s, self.begins_s
 
     def at(self, times_s: FloatArray) -> FloatArray:
         """Give the value at times, the last reading's until it is too old, else NaN."""
@@ -238,7 +228,7 @@ class RecordedLags:
         if recording is None or recording.times_s.size == 0:
             return np.full(times_s.shape, np.nan)
         filtered = self._filter(signal, time_constant_s, recording)
-        return low_pass_at(filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s)
+        return low_pass_at(filtered, times_s, time_constant_s, recording.max_gap_s)
 
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
         """Give a signal's low-pass from the beginning of its record (`low_pass_from_start`)."""
@@ -246,9 +236,7 @@ class RecordedLags:
         if recording is None or recording.times_s.size == 0:
             return FromStart.unknown(len(times_s))
         filtered = self._filter(signal, time_constant_s, recording)
-        return low_pass_from_start(
-            filtered, times_s, time_constant_s, recording.hold, recording.max_gap_s
-        )
+        return low_pass_from_start(filtered, times_s, time_constant_s, recording.max_gap_s)
 
     def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
         """Give what follows a signal with play (`play_at`)."""
@@ -610,13 +598,11 @@ def recordings_of(
     for name, sensor in sensors.items():
         if name in history.temperatures_c:
             times, values = history.known(name)
-            found["temperature", name] = Recording(
-                times, values, BETWEEN_READINGS, sensor.max_age_s, begins_s
-            )
+            found["temperature", name] = Recording(times, values, sensor.max_age_s, begins_s)
     gap_s = state_gap_s(sensors)
     for name, readings in _state_readings(state_readings).items():
         times, values = np.array(readings, dtype=float).T
-        found["state", name] = Recording(times, values, BETWEEN_READINGS, gap_s, begins_s)
+        found["state", name] = Recording(times, values, gap_s, begins_s)
     return found
 
 

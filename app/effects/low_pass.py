@@ -2,8 +2,10 @@
 
     τ dy/dt = u(t) − y
 
-Between readings u is a straight line (a temperature) or keeps its value (a spindle's speed).
-Both have an exact solution over any step h, with a = exp(−h/τ) and the slope m of u:
+Between readings u is a straight line, of a temperature or of a state: a spindle's speed changes at
+once, at any moment between two readings, in the mean halfway. If the first of them held until the
+second, all that follows late would follow half an interval later than it does. The solution is
+exact over any step h, with a = exp(−h/τ) and the slope m of u:
 
     y(t + h) = u(t + h) − m τ + (y(t) − u(t) + m τ) a
 
@@ -22,7 +24,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -43,13 +44,6 @@ RESTED_S: Final = 6.0 * SECONDS_PER_H
 
 TOGETHER_S: Final = SECONDS_PER_H
 """What is first read so long after that has been at rest until then, too [s]."""
-
-
-class Hold(StrEnum):
-    """What the input does between two readings."""
-
-    LINEAR = "linear"
-    PREVIOUS = "previous"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +69,6 @@ class LagState:
     """
 
     time_constant_s: float
-    hold: Hold
     since_s: float
     time_s: float
     input: float
@@ -90,7 +83,6 @@ class LagState:
         time_constant_s: float,
         time_s: float,
         value: float,
-        hold: Hold = Hold.LINEAR,
         *,
         at_rest: bool = True,
     ) -> LagState:
@@ -102,7 +94,7 @@ class LagState:
             Whether the machine was at rest until then; else the output rests on a guess.
         """
         first, unread = (value, 0.0) if at_rest else (math.nan, 1.0)
-        return cls(time_constant_s, hold, time_s, time_s, value, value, first, time_s, unread)
+        return cls(time_constant_s, time_s, time_s, value, value, first, time_s, unread)
 
     def update(self, time_s: float, value: float, max_gap_s: float = math.inf) -> LagState:
         """Take the next reading.
@@ -116,14 +108,14 @@ class LagState:
 
         Examples
         --------
-        >>> state = LagState.start(600.0, 0.0, 20.0, Hold.PREVIOUS).update(1.0, 30.0)
-        >>> round(state.update(601.0, 30.0).value, 3)          # 20 + 10 (1 − 1/e)
-        26.321
+        >>> state = LagState.start(600.0, 0.0, 0.0).update(600.0, 600.0)
+        >>> round(state.value, 3)                              # a ramp: t − τ (1 − exp(−t/τ))
+        220.728
         """
         step = time_s - self.time_s
         if step <= 0.0:
             return self
-        slope = (value - self.input) / step if self.hold is Hold.LINEAR else 0.0
+        slope = (value - self.input) / step
         output = float(_advance(self.value, self.input, slope, step, self.time_constant_s))
         has_moved = self.input != self.first or self.moved_s < self.time_s
         moved_s = self.moved_s if has_moved else time_s
@@ -247,7 +239,6 @@ def low_pass(
     times_s: FloatArray,
     inputs: FloatArray,
     time_constant_s: float,
-    hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
     begins_s: FloatArray | None = None,
 ) -> Filtered:
@@ -277,7 +268,7 @@ def low_pass(
     steps = np.diff(times_s)
     share = np.exp(-steps / time_constant_s)
     # The step response is exact: y1 = a y0 + added.
-    slopes = np.diff(inputs) / steps if hold is Hold.LINEAR else np.zeros(steps.shape)
+    slopes = np.diff(inputs) / steps
     added = _advance(np.zeros(steps.shape), inputs[:-1], slopes, steps, time_constant_s)
     again = starts[1:]
     share = np.where(again, 0.0, share)
@@ -293,7 +284,6 @@ def last_state(
     times_s: FloatArray,
     inputs: FloatArray,
     time_constant_s: float,
-    hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
     begins_s: FloatArray | None = None,
 ) -> LagState:
@@ -304,7 +294,7 @@ def last_state(
 
     Parameters
     ----------
-    times_s, inputs, time_constant_s, hold, max_gap_s, begins_s
+    times_s, inputs, time_constant_s, max_gap_s, begins_s
         As for `low_pass`.
 
     Examples
@@ -318,11 +308,11 @@ def last_state(
     times, values = times_s[begin:], inputs[begin:]
     steps = np.diff(times)
     lost = -np.expm1(-steps / time_constant_s)
-    slopes = np.diff(values) / steps if hold is Hold.LINEAR else np.zeros(steps.shape)
+    slopes = np.diff(values) / steps
     added = slopes * (steps - time_constant_s * lost)
     gaps = (steps > max_gap_s) * 1.0
     begun = LagState.start(
-        time_constant_s, float(times[0]), float(values[0]), hold, at_rest=bool(rested[begin])
+        time_constant_s, float(times[0]), float(values[0]), at_rest=bool(rested[begin])
     )
     output, unread = begun.value, begun.unread
     # One after the other, in the order in which `_advance` adds: sums of floats have an order.
@@ -356,7 +346,6 @@ def low_pass_at(
     filtered: Filtered,
     wanted_s: FloatArray,
     time_constant_s: float,
-    hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
 ) -> FloatArray:
     """Give a low-pass between its readings, by the same exact solution.
@@ -365,7 +354,7 @@ def low_pass_at(
     ----------
     wanted_s : ndarray, shape (m,) [s]
         When.
-    time_constant_s, hold, max_gap_s
+    time_constant_s, max_gap_s
         As for `low_pass`; the last reading before a gap serves for `max_gap_s`.
 
     Returns
@@ -374,7 +363,7 @@ def low_pass_at(
         NaN before five time constants of record, where no reading is near, and where too much of
         the output rests on gaps.
     """
-    found, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
+    found, before = _between(filtered, wanted_s, time_constant_s, max_gap_s)
     settled = wanted_s - filtered.since_s[before] >= SETTLED * time_constant_s
     return np.where(settled, found, np.nan)
 
@@ -383,14 +372,13 @@ def low_pass_from_start(
     filtered: Filtered,
     wanted_s: FloatArray,
     time_constant_s: float,
-    hold: Hold = Hold.LINEAR,
     max_gap_s: float = math.inf,
 ) -> FromStart:
     """Give a low-pass between its readings, settled or not, with the start of its record.
 
     Parameters
     ----------
-    filtered, wanted_s, time_constant_s, hold, max_gap_s
+    filtered, wanted_s, time_constant_s, max_gap_s
         As for `low_pass_at`.
 
     Examples
@@ -400,7 +388,7 @@ def low_pass_from_start(
     >>> found.first.tolist(), found.moved_s.tolist()
     ([20.0], [120.0])
     """
-    outputs, before = _between(filtered, wanted_s, time_constant_s, hold, max_gap_s)
+    outputs, before = _between(filtered, wanted_s, time_constant_s, max_gap_s)
     known = (filtered.first[before], filtered.since_s[before], filtered.moved_s[before])
     is_known = np.isfinite(outputs)
     return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
@@ -419,7 +407,6 @@ def _between(
     filtered: Filtered,
     wanted_s: FloatArray,
     time_constant_s: float,
-    hold: Hold,
     max_gap_s: float,
 ) -> tuple[FloatArray, IntArray]:
     """Give outputs between readings, NaN where none is near, and the readings before."""
@@ -431,7 +418,7 @@ def _between(
     goes_on = filtered.since_s[after] == filtered.since_s[before]
     between = (span > 0) & (span <= max_gap_s) & goes_on
     rise = np.where(between, inputs[after] - inputs[before], 0.0)
-    slope = rise / np.where(between, span, 1.0) if hold is Hold.LINEAR else np.zeros(rise.shape)
+    slope = rise / np.where(between, span, 1.0)
     elapsed = wanted_s - times[before]
     found = _advance(outputs[before], inputs[before], slope, elapsed, time_constant_s)
     is_read = unread_at(filtered, wanted_s, time_constant_s) <= UNREAD

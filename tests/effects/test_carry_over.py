@@ -12,7 +12,7 @@ from app.effects.adopted.live_lags import LiveLags
 from app.effects.conditions import Conditions
 from app.effects.driver import Curvature
 from app.effects.kinds.drift import Drift
-from app.effects.low_pass import Hold, LagState
+from app.effects.low_pass import LagState
 from app.effects.past import needed_past
 from app.effects.registry import KINDS, explain
 from app.geometry.components import COMPONENTS
@@ -206,7 +206,7 @@ def in_balance(effect, temperatures_c):
     """Temperatures at which the machine has stood for long: what is late has caught up."""
     past = needed_past([effect])
     lags = {
-        (signal, tau_s): LagState(tau_s, Hold.LINEAR, 0.0, START_S, t, t)
+        (signal, tau_s): LagState(tau_s, 0.0, START_S, t, t)
         for signal, tau_s in past.lags
         for t in [temperatures_c[signal.name]]
     }

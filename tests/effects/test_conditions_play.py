@@ -3,7 +3,6 @@
 import numpy as np
 
 from app.effects.conditions import NoHistory, RecordedLags, Recording, Signal
-from app.effects.low_pass import Hold
 from app.effects.play import play, play_at
 
 BED = Signal("temperature", "bed")
@@ -53,9 +52,7 @@ def test_between_readings_the_input_goes_straight():
 
 def test_a_record_says_what_follows_a_sensor_with_play():
     times_s = 60.0 * np.arange(5)
-    read = Recording(
-        times_s, np.array([20.0, 24.0, 22.0, 21.0, 25.0]), Hold.LINEAR, 600.0, times_s[:1]
-    )
+    read = Recording(times_s, np.array([20.0, 24.0, 22.0, 21.0, 25.0]), 600.0, times_s[:1])
     lags = RecordedLags({("temperature", "bed"): read})
     asked_s = np.array([30.0, 60.0, 150.0, 240.0])
     np.testing.assert_allclose(lags.played(BED, 1.0, asked_s), [np.nan, 23.0, 22.5, 24.0])

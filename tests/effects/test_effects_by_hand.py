@@ -21,7 +21,7 @@ from app.effects.driver import (
 )
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate
-from app.effects.low_pass import Hold, LagState
+from app.effects.low_pass import LagState
 from app.effects.projection import unit_errors
 from app.effects.registry import explain, kind_of
 from app.effects.shape import (
@@ -53,7 +53,7 @@ def moment(state=None, lags=None, **temperatures):
 
 def settled(signal, tau_s, output):
     """A filter that has just given this output."""
-    state = LagState(tau_s, Hold.LINEAR, 0.0, START_S, output, output)
+    state = LagState(tau_s, 0.0, START_S, output, output)
     return LiveLags({(signal, tau_s): state})
 
 
@@ -187,7 +187,7 @@ SPINDLE = Signal("temperature", "spindle")
 )
 def test_what_drives_late_is_what_the_sensors_were_late(driver, expected, quantity):
     filters = {
-        (Signal("temperature", name), 600.0): LagState(600.0, Hold.LINEAR, 0.0, START_S, t, t)
+        (Signal("temperature", name), 600.0): LagState(600.0, 0.0, START_S, t, t)
         for name, t in (("spindle", 37.0), ("x-middle", 23.0))
     }
     known = moment(x_middle=22.0, spindle=40.0, lags=LiveLags(filters))

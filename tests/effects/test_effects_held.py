@@ -27,7 +27,7 @@ from app.effects.driver import (
     StepAfter,
 )
 from app.effects.effect import Effect, effect_from_json
-from app.effects.low_pass import Hold, LagState
+from app.effects.low_pass import LagState
 from app.effects.projection import sum_of_terms
 from app.effects.shape import Everywhere, Exchange, Places, Rising, Sensitivity, Wave
 from app.effects.term import Term
@@ -225,7 +225,7 @@ def test_a_lag_is_held_where_the_sensor_is_further_behind_than_it_was_learnt():
     signal = Signal("temperature", "x-middle")
 
     def at(late_c):
-        state = LagState(600.0, Hold.LINEAR, START_S - 1e5, START_S, late_c, late_c)
+        state = LagState(600.0, START_S - 1e5, START_S, late_c, late_c)
         return table_of([lag], {"x-middle": 26.0}, lags=LiveLags({(signal, 600.0): state}))
 
     # EXX is 1 µm/K at the end of travel.
@@ -460,7 +460,6 @@ def test_no_correction_is_ever_larger_than_within_what_was_learnt(
         {
             (signal, tau): LagState(
                 tau,
-                Hold.PREVIOUS,
                 time_s - 1e9,
                 time_s,
                 x := late_c if signal.kind == "temperature" else rpm**signal.power,

@@ -15,7 +15,7 @@ from app.effects.driver import (
     State,
 )
 from app.effects.effect import Effect
-from app.effects.low_pass import Hold, LagState
+from app.effects.low_pass import LagState
 from app.effects.shape import (
     Everywhere,
     Exchange,
@@ -183,17 +183,13 @@ def test_a_failed_sensor_is_named():
 
 def test_a_lag_goes_live_with_carried_filters():
     signal = Signal("temperature", "x-middle")
-    lags = LiveLags(
-        {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 2999.0, START_S, 21.0, 21.0)}
-    )
+    lags = LiveLags({(signal, 600.0): LagState(600.0, START_S - 2999.0, START_S, 21.0, 21.0)})
     lag = effect(Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False)))
     young = Conditions.of_moment(START_S, TEMPERATURES, {}, lags)
     assert tables(lag, moment=young)[1][0].reason == (
         "expected 50 min of readings of x-middle without a gap (five time constants), got 50 min"
     )
-    lags = LiveLags(
-        {(signal, 600.0): LagState(600.0, Hold.LINEAR, START_S - 3000.0, START_S, 21.0, 21.0)}
-    )
+    lags = LiveLags({(signal, 600.0): LagState(600.0, START_S - 3000.0, START_S, 21.0, 21.0)})
     found, missing = tables(lag, moment=Conditions.of_moment(START_S, TEMPERATURES, {}, lags))
     assert not missing
     # EXX as at 21 °C instead of 22.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.conditions import BETWEEN_READINGS, Signal
+from app.effects.conditions import Signal
 from app.effects.low_pass import (
     RESTED_S,
     SETTLED,
@@ -114,7 +114,7 @@ class LiveLags:
             if value is not None:
                 value = signal.of(value)
                 carried[signal, tau_s] = (
-                    LagState.start(tau_s, time_s, value, BETWEEN_READINGS, at_rest=at_rest)
+                    LagState.start(tau_s, time_s, value, at_rest=at_rest)
                     if state is None
                     else state.update(time_s, value, self._max_gap_s(signal))
                 )
