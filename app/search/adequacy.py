@@ -39,7 +39,7 @@ TOO_MANY_OF_A_FAMILY: Final = 3
 """So many terms of one family on one channel imitate something unknown."""
 
 USUAL_MULTIPLE: Final = 16.0
-"""Multiple of the assumed variance up to which undeclared set-ups scatter: two repeatabilities."""
+"""Multiple of the assumed variance up to which set-ups scatter: two repeatabilities."""
 
 USUAL_WANDER: Final = USUAL_MULTIPLE * ASSUMED_SHIFT**2
 """Variance, in that of an observation, up to which they wander in time: as much."""
@@ -67,7 +67,6 @@ def adequacy(
     return [
         *_generic(selector, terms, draws, level),
         *_lack_of_fit(problem, fit, use, level),
-        *_visit_variance(selector, terms, level),
         *_far_off(selector, terms, level),
         *_above_floor(problem, use, held_out, level),
         *_imitation(terms),
@@ -114,30 +113,6 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
         p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
         if p * len(problem.fixed) < level:
             found.append(Unexplained("lack-of-fit", c, None))
-    return found
-
-
-def _visit_variance(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
-    """Visits that scatter more than was declared: an unknown cause changes between them."""
-    problem = selector.library.problem
-    declared = [
-        c
-        for c, fixed in problem.fixed.items()
-        if (n := problem.rows.noise.get(c))
-        and n.setup_shift is not None
-        # How far things wander nobody declares.
-        and not fixed.channel.blocks.may_wander
-    ]
-    found = []
-    states = selector.given(terms) if declared else {}
-    for c in declared:
-        channel, null = states[c].fixed.channel, states[c].null - states[c].fixed.channel.prior
-        ratio = 2.0 * float(null.max() - null[: channel.declared + 1].max())
-        # Only larger variances speak against the declaration: it lies on the boundary, and half
-        # of all noise gives a ratio of 0. Two variances may grow, those of shift and of tilt.
-        p = 0.5 * upper_tail(ratio, 2.0) if ratio > 0 else 1.0
-        if p * len(declared) < level:
-            found.append(Unexplained("visit-variance", c, None))
     return found
 
 

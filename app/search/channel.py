@@ -11,8 +11,8 @@ import numpy as np
 from scipy import sparse
 
 from app.arrays import BoolArray, FloatArray, IntArray, SparseArray
-from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
-from app.search.scatter import FEWEST_SETUPS, WIDE, Blocks, Scatter, Whitening, log_prior, scatters
+from app.search.rows import Datum, Nuisance, Rows
+from app.search.scatter import FEWEST_SETUPS, WIDE, Blocks, Scatter, Whitening, scatters
 
 DECLARED_WEIGHT: Final = 20.0
 """A declared repeatability counts as much as so many repeated observations."""
@@ -21,16 +21,14 @@ ESTIMATED_WEIGHT: Final = 2.0
 """One that was estimated from the same rows only keeps small samples from certainty."""
 
 ASSUMED_SHIFT, ASSUMED_TILT = 0.5, 0.3
-"""Where the search for an undeclared set-up scatter starts, in repeatabilities."""
-
-TILTING: Final = (0.03, 1.0)
-"""Within these a wander's tilt lies, as variances over its shift's."""
+"""Where the search for the scatter of set-ups starts, in repeatabilities."""
 
 POOLED_WEIGHT: Final = 10.0
 """One that leans on the replicates of channels that are alike."""
 
-FREE_PRIOR: Final = 1e4
-"""An entirely free table entry, in repeatabilities of what it does to the rows."""
+LARGEST_PRIOR: Final = 1e4
+"""What a standard deviation of a table entry does to the rows is cut to so many repeatabilities:
+an entry that is known no better is free, and larger numbers would only lose digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Channel:
     values : ndarray, shape (n,)
         Residuals, in repeatabilities.
     nuisance : ndarray, shape (n, p)
-        The tables' columns, each times its prior standard deviation: unit prior.
+        The tables' columns for one standard deviation of each entry: unit prior.
     shared : sparse array, shape (e, p)
         The columns' amplitudes as combinations of unit errors that channels share; columns
         that are zero have errors of their own.
@@ -64,10 +62,8 @@ class Channel:
         How the blocks lie in time and in visits.
     tried
         Sets of variances of what rows share, L of them.
-    prior : ndarray, shape (L,)
-        Their log prior: flat where nothing is declared.
-    declared
-        Which of them is what was declared.
+    assumed
+        Which of them is what is assumed before anything was measured.
     weight
         How many observations the repeatability counts for by itself.
     expected : ndarray, shape (L,), or None
@@ -87,8 +83,7 @@ class Channel:
     gram: FloatArray
     blocks: Blocks
     tried: tuple[Scatter, ...]
-    prior: FloatArray
-    declared: int
+    assumed: int
     weight: float
     expected: FloatArray | None = None
 
@@ -96,6 +91,11 @@ class Channel:
         """Factorise the covariance of some blocks at sets of variances that reach as far."""
         tried = tuple(self.tried[level] for level in levels.tolist())
         return self.blocks.whitening(tried, self.gram, use)
+
+    @cached_property
+    def prior(self) -> FloatArray:
+        """Log prior of each set of variances, shape (L,): flat where nothing is expected."""
+        return np.zeros(len(self.tried)) if self.expected is None else np.log(self.expected)
 
     @cached_property
     def block(self) -> IntArray:
@@ -177,11 +177,9 @@ def prepare(
     index = _sorted_rows(rows, np.flatnonzero((rows.channel == number) & use), cell_of)
     starts = np.flatnonzero(np.append(True, np.diff(rows.block[index]) != 0)).astype(np.intp)
     numbers = rows.block[index[starts]]
-    noise = rows.noise.get(number, DeclaredNoise())
-    known = noise.setup_shift is not None
     shapes = np.column_stack([np.ones(len(index)), rows.tilt[index]])
-    blocks = _blocks(rows, index, starts, noise, scale)
-    tried = scatters(blocks, known)
+    blocks = _blocks(rows, index, starts)
+    tried = scatters(blocks)
     gram = np.stack(
         [np.add.reduceat(shapes * s[:, None], starts, axis=0) for s in shapes.T], axis=1
     )
@@ -190,7 +188,7 @@ def prepare(
         rows=index,
         scale=scale,
         values=_without_free_constants(rows.values[index] / scale, blocks, starts),
-        nuisance=unit_prior_columns(nuisance, number, index, len(rows.values), scale),
+        nuisance=unit_prior_columns(nuisance, number, index, scale),
         shared=shared_errors(nuisance, number),
         shapes=shapes,
         starts=starts,
@@ -199,8 +197,7 @@ def prepare(
         gram=gram,
         blocks=blocks,
         tried=tried,
-        prior=log_prior(tried) if known else np.zeros(len(tried)),
-        declared=tried.index(Scatter(1.0, 1.0)),
+        assumed=tried.index(Scatter(1.0, 1.0)),
         weight=weight,
     )
 
@@ -214,31 +211,22 @@ def _sorted_rows(rows: Rows, index: IntArray, cell_of: dict[int, int]) -> IntArr
     return index[order].astype(np.intp)
 
 
-def _blocks(
-    rows: Rows, index: IntArray, starts: IntArray, noise: DeclaredNoise, scale: float
-) -> Blocks:
+def _blocks(rows: Rows, index: IntArray, starts: IntArray) -> Blocks:
     """Say how blocks lie in time and what is expected of their set-ups."""
     visits, number = rows.visit[index[starts]], int(rows.channel[index[0]])
     counts = np.diff(np.append(starts, len(index)))
-    minutes = np.zeros(len(index)) if rows.minutes is None else rows.minutes[index]
     zeros = [rows.datum.get((int(v), number), Datum.ABSOLUTE) for v in visits]
     tilts = rows.tilt.shape[1]
-    shift = ASSUMED_SHIFT if noise.setup_shift is None else noise.setup_shift / scale
-    tilt = ASSUMED_TILT if noise.setup_tilt is None else np.asarray(noise.setup_tilt) / scale
-    own = np.append(shift, np.broadcast_to(tilt, tilts)) ** 2
-    # The wander tilts as much beside its shift as set-ups do.
-    share = own[1:] / own[0] if own[0] > 0 else np.full(tilts, (ASSUMED_TILT / ASSUMED_SHIFT) ** 2)
-    is_record = len(np.unique(visits)) < len(visits)
-    few = len(np.unique(visits)) < FEWEST_SETUPS
-    is_own_unknown = is_record and few and noise.setup_shift is None
-    if is_own_unknown:
-        own = np.full(1 + tilts, WIDE)
+    setups = len(np.unique(visits))
+    is_own_unknown = setups < min(len(visits), FEWEST_SETUPS)
+    own = np.append(ASSUMED_SHIFT, np.full(tilts, ASSUMED_TILT)) ** 2
     return Blocks(
         setups=visits,
-        minutes=np.add.reduceat(minutes, starts) / counts,
+        minutes=np.add.reduceat(rows.minutes[index], starts) / counts,
         free=np.array([zero is not Datum.ABSOLUTE for zero in zeros]),
-        own=own,
-        wander=np.append(1.0, np.clip(share, *TILTING)),
+        own=np.full(1 + tilts, WIDE) if is_own_unknown else own,
+        # It tilts as much beside its shift as set-ups do.
+        wander=own / own[0],
         is_own_unknown=is_own_unknown,
     )
 
@@ -266,35 +254,30 @@ def shared_errors(
     if count is None:
         count = max((one.shared.shape[0] for one in nuisance if one.shared is not None), default=0)
     blocks = [
-        sparse.csr_array((count, len(one.prior))) if one.shared is None else one.shared
+        sparse.csr_array((count, one.columns.shape[1])) if one.shared is None else one.shared
         for one in own
     ]
     return sparse.hstack([sparse.csr_array((count, 0)), *blocks], format="csr")
 
 
 def unit_prior_columns(
-    nuisance: Sequence[Nuisance], number: int, index: IntArray, n: int, scale: float
+    nuisance: Sequence[Nuisance], number: int, index: IntArray, scale: float
 ) -> FloatArray:
     """Lay a channel's columns out over its rows, in repeatabilities for a prior of one.
 
     Parameters
     ----------
     index : ndarray, shape (m,)
-        The channel's rows, of n.
+        The channel's rows.
 
     Returns
     -------
     ndarray, shape (m, p)
     """
-    place = np.full(n, -1, dtype=np.intp)
-    place[index] = np.arange(len(index))
     blocks = [np.zeros((len(index), 0))]
     for one in nuisance:
         if one.channel == number:
-            here = place[one.rows]
-            full = np.zeros((len(index), len(one.prior)))
-            full[here[here >= 0]] = one.columns[here >= 0]
-            norm = np.sqrt(np.mean(full**2, axis=0))
-            free = FREE_PRIOR * scale / np.where(norm > 0, norm, 1.0)
-            blocks.append(full * np.minimum(one.prior, free) / scale)
+            columns = one.at(index) / scale
+            size = np.sqrt(np.mean(columns**2, axis=0))
+            blocks.append(columns / np.maximum(size / LARGEST_PRIOR, 1.0))
     return np.hstack(blocks)

@@ -222,7 +222,7 @@ def _is_white(rows: Rows, alike: Sequence[_Own]) -> bool:
     index = np.concatenate([one.rows for one in alike])
     left = np.concatenate([one.left for one in alike])
     group = rows.channel[index] * (1 + int(rows.block.max())) + rows.block[index]
-    orders = [*([] if rows.minutes is None else [rows.minutes]), *rows.tilt.T]
+    orders = [rows.minutes, *rows.tilt.T]
     random = np.random.default_rng(0)
     mixed = [_resemblance(left, group, random.random(len(left))) for _ in range(SHUFFLES)]
     limit = float(np.mean(mixed) + WHITE * np.std(mixed))

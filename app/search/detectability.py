@@ -17,7 +17,7 @@ from app.search.findings import Detectable
 from app.search.joint_fit import inverse
 from app.search.library import Batch, Library, read_library
 from app.search.moments import blocks, moments_of
-from app.search.power import as_declared, drawn_noise, noncentralities
+from app.search.power import as_assumed, drawn_noise, noncentralities
 from app.search.problem import Problem
 from app.search.rivals import TIED_BELOW
 from app.search.scan import scan
@@ -124,10 +124,10 @@ class Chances:
     def before_measuring(
         cls, problem: Problem, candidates: Sequence[Candidate], draws: Draws, false_alarm: float
     ) -> Chances:
-        """Work it out beside the noise that is declared: values are not looked at."""
+        """Work it out beside the noise that is assumed: values are not looked at."""
         library = read_library(problem, candidates, draws, by_cell=False)
         everything = np.ones(problem.cells, dtype=np.bool_)
-        states = as_declared(problem.states(everything), draws)
+        states = as_assumed(problem.states(everything), draws)
         base = BaseGrams(library, states)
         drawn = scan(library, states, draws, base=base).only(library.testable)
         limit = threshold(drawn, library.groups, library.families, false_alarm)

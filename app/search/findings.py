@@ -220,9 +220,9 @@ class Unexplained:
     Parameters
     ----------
     test
-        `generic`, `lack-of-fit`, `visit-variance`, `held-out`, `many-of-one-family`,
-        `many-at-one-place`, `far-off`, `alike-outliers`, or `flexible`: a flexible version of a
-        found term explains something that the term itself does not.
+        `generic`, `lack-of-fit`, `held-out`, `many-of-one-family`, `many-at-one-place`, `far-off`,
+        `alike-outliers`, or `flexible`: a flexible version of a found term explains something that
+        the term itself does not.
     channel
         Where.
     moves_with

@@ -125,12 +125,10 @@ class _Expected(NamedTuple):
 
 def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _Expected:
     declared = problem.rows.noise.get(channel.number)
-    known = declared is not None and declared.setup_shift is not None
-    level = channel.declared if known and not channel.blocks.are_records else typical
-    variances = channel.blocks.own_variances(channel.tried[level])
+    variances = channel.blocks.own_variances(channel.tried[typical])
     # Beside a stated repeatability the fitted one may hide what is unexplained.
     stated = declared is not None and declared.repeatability is not None
-    scatter = 1.0 if known or stated else fit.scatter[channel.number]
+    scatter = 1.0 if stated else fit.scatter[channel.number]
     least = declared.rounding / channel.scale if declared is not None else 0.0
     scatter = max(scatter, least**2)
     return _Expected(scatter, variances)

@@ -155,9 +155,8 @@ def left_out(
         if not mine or not own:
             continue
         channel, use = state.fixed.channel, state.blocks[state.fixed.channel.block]
-        n = 1 + max(int(channel.rows.max()), *(int(one.rows.max(initial=0)) for one in own))
         x = np.hstack([t.columns[c] for _, t in mine])
-        z = unit_prior_columns(own, c, channel.rows, n, channel.scale)
+        z = unit_prior_columns(own, c, channel.rows, channel.scale)
         level, nuisance = state.level(fit.level[c]), channel.nuisance[use]
         of_x, of_z = (
             level.shadow(nuisance.T @ a[use], channel.reduce(a)[state.blocks])[0] for a in (x, z)

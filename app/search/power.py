@@ -171,15 +171,15 @@ def _of_levels(state: State, seed: int) -> FloatArray | None:
     return squares.T.reshape(levels, OF_EACH, levels)
 
 
-def as_declared(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
-    """Give states whose squares are those to be expected of the noise that is declared.
+def as_assumed(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
+    """Give states whose squares are those to be expected of the noise that is assumed.
 
     Nothing need have been measured: their values are not to be looked at.
     """
     found = {}
     for c, state in states.items():
         one = State(state.fixed, state.cells)
-        level = np.full(draws.count, state.fixed.channel.declared, dtype=np.intp)
+        level = np.full(draws.count, state.fixed.channel.assumed, dtype=np.intp)
         one.rss = _squares(state, draws.response_at(state, level)).mean(axis=1)
         found[c] = one
     return found

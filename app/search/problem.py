@@ -239,9 +239,7 @@ def with_expected_wander(problem: Problem) -> Problem:
         if len(others) >= FEWEST_OTHERS:
             odd = 1.0 / (len(others) + 2)
             expected = (1.0 - odd) * np.mean(others, axis=0) + odd / len(own)
-            channel = fixed[number].channel
-            prior = channel.prior + np.log(expected)
-            informed = replace(channel, prior=prior, expected=expected)
+            informed = replace(fixed[number].channel, expected=expected)
             found[number] = replace(fixed[number], channel=informed)
     return replace(problem, fixed=found)
 

@@ -37,11 +37,6 @@ class DeclaredNoise:
     repeatability
         Standard deviation of one observation within a visit; without it, it is taken
         from replicates or from the residuals.
-    setup_shift
-        Standard deviation of a whole visit's shift; without it, it is estimated.
-    setup_tilt
-        Standard deviation of a visit's coefficient on each tilt column: one number for
-        all of them, or one for each.
     rounding
         Standard deviation of the steps in which the instrument reads: where no repeatability is
         stated, an observation scatters by no less. One that is stated contains it.
@@ -50,8 +45,6 @@ class DeclaredNoise:
     """
 
     repeatability: float | None = None
-    setup_shift: float | None = None
-    setup_tilt: float | tuple[float, ...] | None = None
     rounding: float = 0.0
     origin: str = "declared"
 
@@ -72,13 +65,13 @@ class Rows:
         Columns along which a visit may tilt: scaled positions.
     replicate : ndarray, shape (n,)
         Rows of one visit and channel with the same number repeat each other; −1: none.
+    minutes : ndarray, shape (n,)
+        When each row was measured.
     datum
         (visit, channel) to what its zero means; absolute where not named.
     alike
         Channel to a name that it shares with channels of the same instrument and unit, whose
         scatter is about the same: a scatter of few replicates leans on theirs.
-    minutes : ndarray, shape (n,), or None
-        When each row was measured. None: every visit is short.
     """
 
     values: FloatArray
@@ -86,21 +79,19 @@ class Rows:
     channel: IntArray
     tilt: FloatArray
     replicate: IntArray
+    minutes: FloatArray
     noise: Mapping[int, DeclaredNoise] = field(default_factory=dict)
     datum: Mapping[tuple[int, int], Datum] = field(default_factory=dict)
     alike: Mapping[int, str] = field(default_factory=dict)
-    minutes: FloatArray | None = None
 
     @cached_property
     def block(self) -> IntArray:
         """Number of each row's block: rows of one visit at about one time; shape (n,)."""
-        if self.minutes is None:
-            return np.unique(self.visit, return_inverse=True)[1].astype(np.intp)
         return blocks_in_time(self.visit, self.minutes)
 
     def __post_init__(self) -> None:
         n = len(self.values)
-        for name in ("values", "visit", "channel", "replicate"):
+        for name in ("values", "visit", "channel", "replicate", "minutes"):
             if getattr(self, name).shape != (n,):
                 raise InvalidContent.of_field(
                     name, f"expected {n} values, got shape {getattr(self, name).shape}"
@@ -112,7 +103,11 @@ class Rows:
         if n == 0 or not (np.isfinite(self.values).all() and np.isfinite(self.tilt).all()):
             raise InvalidContent.of_field("values", "expected at least one row, all finite")
         for channel, noise in self.noise.items():
-            _refuse_impossible_noise(channel, noise, self.tilt.shape[1])
+            if noise.repeatability is not None and not 0 < noise.repeatability < np.inf:
+                raise InvalidContent.of_field(
+                    f"noise.{channel}.repeatability",
+                    f"expected a standard deviation above 0, got {noise.repeatability:g}",
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +119,7 @@ class Nuisance:
     rows : ndarray, shape (m,)
         Which rows they act on; zero elsewhere.
     columns : ndarray, shape (m, p)
-        The channel's change for each unit of each table entry.
-    prior : ndarray, shape (p,)
-        Standard deviation of each entry; infinite: entirely free.
+        The channel's change for one standard deviation of each table entry.
     shared : sparse array, shape (e, p), or None
         Each column's amplitude as a combination of e unit errors that several channels share:
         one and the same map is wrong in all of them. None: each channel has its own.
@@ -135,34 +128,11 @@ class Nuisance:
     channel: int
     rows: IntArray
     columns: FloatArray
-    prior: FloatArray
     shared: SparseArray | None = None
 
-    def __post_init__(self) -> None:
-        if self.columns.shape != (len(self.rows), len(self.prior)):
-            raise InvalidContent.of_field(
-                "columns",
-                f"expected shape {(len(self.rows), len(self.prior))}, got {self.columns.shape}",
-            )
-        if not (self.prior > 0).all():
-            raise InvalidContent.of_field(
-                "prior", "expected standard deviations above 0: leave out what is exact"
-            )
-
-
-def _refuse_impossible_noise(channel: int, noise: DeclaredNoise, tilts: int) -> None:
-    if noise.repeatability is not None and not 0 < noise.repeatability < np.inf:
-        raise InvalidContent.of_field(
-            f"noise.{channel}.repeatability",
-            f"expected a standard deviation above 0, got {noise.repeatability:g}",
-        )
-    tilt = noise.setup_tilt if isinstance(noise.setup_tilt, tuple) else ()
-    if tilt and len(tilt) != tilts:
-        raise InvalidContent.of_field(
-            f"noise.{channel}.setup_tilt", f"expected {tilts} values, got {len(tilt)}"
-        )
-    single = noise.setup_tilt if isinstance(noise.setup_tilt, float) else 0.0
-    if min(noise.setup_shift or 0.0, single, *tilt, 0.0) < 0:
-        raise InvalidContent.of_field(
-            f"noise.{channel}", "expected standard deviations of at least 0"
-        )
+    def at(self, rows: IntArray) -> FloatArray:
+        """Give the columns at some rows, any of which may be −1 for none; shape (m, p)."""
+        last = max(int(self.rows.max(initial=-1)), int(rows.max(initial=-1)))
+        place = np.full(last + 2, -1, dtype=np.intp)  # and one more, for −1
+        place[self.rows] = np.arange(len(self.rows))
+        return np.vstack([self.columns, np.zeros((1, self.columns.shape[1]))])[place[rows]]

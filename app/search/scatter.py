@@ -36,7 +36,7 @@ FEWEST_BLOCKS: Final = 8
 """Fewer blocks say nothing about what differs between them."""
 
 TIED: Final = (0.0, 0.3, 1.0, 4.0, 16.0, 80.0, 400.0)
-"""Multiples of the declared variances of shift and tilt, tried together."""
+"""Multiples of the assumed variances of shift and tilt, tried together."""
 
 APART: Final = ((16.0, 1.0), (200.0, 1.0), (1.0, 16.0), (1.0, 200.0))
 """(shift, tilt), tried apart: a machine may be re-levelled without being turned."""
@@ -91,9 +91,6 @@ KEPT_BYTES: Final = 100_000_000
 
 FEWEST_SETUPS: Final = 4
 """Fewer set-ups do not tell how set-ups scatter."""
-
-DECADE: Final = 10.0
-"""A declared variance is believed within such a factor (one standard deviation)."""
 
 KEEPS_POSITIVE: Final = 1e-9
 """Added to K's diagonal: blocks at one time, or none that scatter, leave it singular."""
@@ -168,7 +165,7 @@ class Blocks:
     free : ndarray, shape (b,)
         Whether the zero of its set-up is unknown.
     own : ndarray, shape (s,)
-        A set-up's variance of shift and tilts, as declared or assumed.
+        A set-up's variance of shift and tilts, as assumed.
     wander : ndarray, shape (s,)
         The wander's variances of shift and tilts, over its shift's.
     is_own_unknown
@@ -374,33 +371,24 @@ def _root(covariance: FloatArray) -> FloatArray:
     return np.asarray(found, dtype=np.float64)
 
 
-def scatters(blocks: Blocks, declared: bool) -> tuple[Scatter, ...]:
+def scatters(blocks: Blocks) -> tuple[Scatter, ...]:
     """List the sets of variances over which the likelihood is profiled.
 
     Parameters
     ----------
     blocks
         One channel's blocks.
-    declared
-        Whether the scatter of set-ups was declared.
     """
     shifted, tilted = not bool(blocks.free.all()), len(blocks.own) > 1
-    # Beside a wander the set-ups' own scatter is as declared: a slow wander says the rest of it.
+    # Beside a wander the set-ups' own scatter is as assumed: a slow wander says the rest of it.
     wandering = [Scatter(1.0, 1.0, w, t) for w in WANDERS for t in CORRELATION_TIMES_MIN]
     if not blocks.are_records:
         tied = [Scatter(m, m) for m in TIED]
         apart = [Scatter(*pair) for pair in APART] if tilted and shifted else []
         return (*tied, *apart, *(wandering if blocks.may_wander else ()))
     few = len(np.unique(blocks.setups)) < FEWEST_SETUPS
-    own = (1.0,) if few and not declared else TIED_OF_RECORDS if shifted or tilted else (1.0,)
+    own = (1.0,) if few else TIED_OF_RECORDS if shifted or tilted else (1.0,)
     return (*(Scatter(m, m) for m in own), *wandering)
-
-
-def log_prior(tried: tuple[Scatter, ...]) -> FloatArray:
-    """Say how well multiples agree with what was declared (log density, 0 at one)."""
-    scale = np.array([[s.shift, s.tilt] for s in tried])
-    decades = np.log(np.maximum(scale, TIED[1] / DECADE)) / np.log(DECADE)
-    return np.asarray(-0.5 * np.mean(decades**2, axis=1))
 
 
 def blocks_in_time(setup: IntArray, minutes: FloatArray) -> IntArray:

@@ -264,7 +264,7 @@ class Within:
             shapes=shapes,
             gram=np.stack(gram, axis=1),
             tried=(self.loose,),
-            prior=np.zeros(1),
+            expected=None,
             # What whitens one set of weights whitens no other.
             blocks=replace(channel.blocks),
         )

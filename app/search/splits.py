@@ -95,7 +95,7 @@ def split(rows: Rows, use: BoolArray, share: float) -> Splits:
     Examples
     --------
     >>> of = lambda *v: Rows(np.zeros(len(v)), np.array(v), *np.zeros((1, len(v)), int),
-    ...                      np.zeros((len(v), 0)), np.zeros(len(v), int))
+    ...                      np.zeros((len(v), 0)), np.zeros(len(v), int), 1e3 * np.array(v))
     >>> split(of(1, 1, 2, 5, 7, 8), np.ones(6, bool), 0.5).cell_of
     {0: 0, 1: 2, 2: 0, 3: 3, 4: 1}
     """
@@ -125,8 +125,7 @@ def split(rows: Rows, use: BoolArray, share: float) -> Splits:
 def _stretches(rows: Rows, blocks: IntArray, visits: IntArray, folds: int) -> IntArray:
     """Cut every long visit into one stretch for each fold, of three parts; short ones in turn."""
     found = np.zeros(len(blocks), dtype=np.intp)
-    minutes = np.zeros(len(rows.values)) if rows.minutes is None else rows.minutes
-    when = np.array([minutes[rows.block == b].mean() for b in blocks])
+    when = np.array([rows.minutes[rows.block == b].mean() for b in blocks])
     short = 0
     for visit in np.unique(visits):
         own = np.flatnonzero(visits == visit)

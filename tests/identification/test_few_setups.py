@@ -133,7 +133,7 @@ def test_few_observations_are_not_their_own_scatter(values, named):
     count, zeros = len(values), np.zeros(len(values), int)
     size = float(np.sqrt(np.mean(np.square(values))))
     places = np.array([-1.0, 1.0, -1.0, 1.0])[:count, None]
-    rows = Rows(np.array(values), zeros, zeros, places, zeros - 1)
+    rows = Rows(np.array(values), zeros, zeros, places, zeros - 1, minutes=1.0 * zeros)
     found = SimpleNamespace(
         rows=rows,
         residuals=SimpleNamespace(rows=SimpleNamespace(channels=("EXX",))),
@@ -143,7 +143,7 @@ def test_few_observations_are_not_their_own_scatter(values, named):
             noise={0: ChannelNoise(size, "residuals", size, 1, count)}, held_out={}
         ),
     )
-    maps = [Nuisance(0, np.arange(count), np.ones((count, 1)), np.array([0.25]))]
+    maps = [Nuisance(0, np.arange(count), np.full((count, 1), 0.25))]
     large = not_judged(found, maps)
     assert [one.name for one in large] == ["EXX"] * named
     if named:

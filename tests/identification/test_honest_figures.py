@@ -230,7 +230,7 @@ def finished(noise=0.4, setups=0.3, of_maps=()):
 def test_the_band_of_a_visits_mean_by_hand():
     """Repeatability 0.4, set-ups 0.3; two of the visits' rows lie at an entry known to 0.2."""
     rows, which = np.arange(6), np.array([0, 0, 1, 1, 2, 2])
-    of_maps = [Nuisance(0, np.array([2, 3, 4]), np.array([[1.0], [1.0], [0.5]]), np.array([0.2]))]
+    of_maps = [Nuisance(0, np.array([2, 3, 4]), np.array([[0.2], [0.2], [0.1]]))]
     own = np.full(6, -1)
     plain = mean_variances(finished(), 0, rows, which, own)
     np.testing.assert_allclose(plain, 0.4**2 / 2 + 0.3**2)

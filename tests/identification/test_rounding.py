@@ -57,6 +57,7 @@ def test_values_that_repeat_exactly_scatter_by_their_rounding(replicated):
     replicate = np.repeat(np.arange(12), 2) if replicated else np.full(24, -1)
     rows = Rows(
         *(np.full(24, 0.01), np.arange(24) // 4, np.zeros(24, int), np.zeros((24, 0)), replicate),
+        minutes=1e3 * (np.arange(24) // 4),
         noise={0: DeclaredNoise(rounding=rounded)},
     )
     rows.values[:2] += 1.0

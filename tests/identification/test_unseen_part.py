@@ -30,6 +30,7 @@ def expected(amplitudes, errors, datum=Datum.FREE, absolute=(), kept=(0, 1)):
         channel=np.zeros(n, dtype=int),
         tilt=np.zeros((n, 0)),
         replicate=np.full(n, -1),
+        minutes=1440.0 * visit,
         datum={(v, 0): datum for v in range(VISITS) if v not in absolute},
     )
     return with_expected(
@@ -98,6 +99,7 @@ def test_amplitudes_that_go_together_move_together():
         channel=np.zeros(4, dtype=int),
         tilt=np.zeros((4, 0)),
         replicate=np.full(4, -1),
+        minutes=np.zeros(4),
         datum={(0, 0): Datum.FREE},
     )
     level, rise = np.full(4, np.sqrt(3.0 / 4.0)), np.array([0.5, -0.5, 0.5, -0.5])

@@ -61,15 +61,16 @@ def make_campaign(seed, visits=16, targets=6, datum=Datum.ABSOLUTE):
         here = np.flatnonzero(channel == c)
         columns = _table(position, temperature[visit])[here]
         values[here] += columns @ random.normal(0, MAP, columns.shape[1])
-        nuisance.append(Nuisance(c, here, columns, np.full(columns.shape[1], MAP)))
+        nuisance.append(Nuisance(c, here, MAP * columns))
     rows = Rows(
         values,
         visit,
         channel,
         position[:, None],
         np.full(n, -1),
-        {c: DeclaredNoise(REPEATABILITY, SHIFT, TILT) for c in range(CHANNELS)},
-        {} if datum is Datum.ABSOLUTE else {(v, c): datum for v in range(visits) for c in range(2)},
+        minutes=1440.0 * visit,
+        noise={c: DeclaredNoise(REPEATABILITY) for c in range(CHANNELS)},
+        datum={(v, c): datum for v in range(visits) for c in range(2)},
     )
     return Campaign(
         rows, nuisance, position, direction,
@@ -146,9 +147,9 @@ def detectable(campaign, candidates):
     return smallest_effects(library, states, chances_of(campaign, candidates))
 
 
-def chosen_in(campaign, candidates=None, seed=0):
+def chosen_in(campaign, candidates=None, seed=0, problem=None):
     """Choose terms as the search does, without anything after it."""
-    problem, draws = whole(campaign), Draws(seed, 100)
+    problem, draws = problem or whole(campaign), Draws(seed, 100)
     library = read_library(problem, candidates or make_library(campaign, pitches=4), draws)
     everything = np.ones(1, dtype=bool)
     return Selector(library, everything, library.testable, 0.01, 1).select(draws).terms

@@ -191,7 +191,7 @@ def warm_up_in(settles, shift=0.0, channels=6, count=12):
 
     rows = Rows(
         values, visit, channel, np.zeros((len(visit), 0)), np.full(len(visit), -1),
-        dict.fromkeys(of_channel, DeclaredNoise(1.0, None, None)), {},
+        1440.0 * visit + since_min, dict.fromkeys(of_channel, DeclaredNoise(1.0)),
     )  # fmt: skip
     candidates = [
         Candidate(

@@ -276,7 +276,7 @@ def test_against_statsmodels_mixed_model():
         everything,
         dict.fromkeys(range(30), 0),
     )
-    level = channel.declared
+    level = channel.assumed
     grid = State(fixed_of(channel, 1), np.ones(1, dtype=bool))
     own = np.diag(theirs.cov_re) / theirs.scale
     channel = replace(channel, blocks=replace(channel.blocks, own=own))
@@ -307,7 +307,7 @@ def test_errors_that_nothing_counts_move_amplitudes_as_generalised_least_squares
         columns = random.normal(0.0, 0.3, (own.size, 2))
         shared = np.zeros((3, 2))
         shared[0, 0] = shared[1 + c, 1] = 1.0
-        errors.append(Nuisance(c, own, columns, np.ones(2), csr_array(shared)))
+        errors.append(Nuisance(c, own, columns, csr_array(shared)))
         # V⁻¹ of the channel as the fit has it; an amplitude moves by G X'V⁻¹ Z.
         channel = states[c].fixed.channel
         inverse = np.linalg.inv(covariance(channel, fit.level[c]) * fit.scatter[c])

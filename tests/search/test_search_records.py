@@ -66,7 +66,7 @@ class Record:
         setup = np.zeros(len(self.when), int) if setup is None else setup
         return Rows(
             self.values + effect, setup, self.channel, self.position[:, None],
-            np.full(len(self.when), -1), noise or {}, minutes=self.when,
+            np.full(len(self.when), -1), self.when, noise or {},
         )  # fmt: skip
 
     def library(self):
@@ -136,7 +136,7 @@ def test_whitening_is_the_inverse_of_the_dense_covariance(scatter, free):
 def test_sets_of_variances_are_whitened_together_as_one_by_one(use):
     random = np.random.default_rng(4)
     blocks = make_blocks([0, 0, 0, 1, 1, 2], [0, 5, 9, 200, 210, 9000])
-    tried = scatters(blocks, declared=True)
+    tried = scatters(blocks)
     gram = np.einsum("bni,bnj->bij", *[random.normal(size=(6, 5, 2))] * 2)
     reduced = random.normal(size=(int(use.sum()), 2, 3))
     seen = []
@@ -176,8 +176,8 @@ def test_draws_have_the_covariance_that_they_are_drawn_from():
 
 
 def test_visits_of_one_block_have_no_wander_to_tell_from_their_setups():
-    assert not any(s.wander for s in scatters(make_blocks([0, 1, 2], [0, 500, 900]), False))
-    assert any(s.wander for s in scatters(make_blocks([0, 0, 1], [0, 500, 900]), False))
+    assert not any(s.wander for s in scatters(make_blocks([0, 1, 2], [0, 500, 900])))
+    assert any(s.wander for s in scatters(make_blocks([0, 0, 1], [0, 500, 900])))
 
 
 def test_stretches_that_teach_keep_away_from_what_is_held_out():

@@ -45,12 +45,11 @@ class UnknownZero:
 
 def unknown_zeros(rows: Rows) -> list[UnknownZero]:
     """List the rows that share each unknown zero of an instrument."""
-    minutes = np.arange(float(len(rows.values))) if rows.minutes is None else rows.minutes
     found = []
     for (visit, channel), datum in rows.datum.items():
         own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
         if own.size and datum is not Datum.ABSOLUTE:
-            ordered = own[np.argsort(minutes[own], kind="stable")]
+            ordered = own[np.argsort(rows.minutes[own], kind="stable")]
             found.append(UnknownZero(ordered, datum is Datum.FIRST))
     return found
 

@@ -279,12 +279,8 @@ def mean_variances(
     for one in found.of_maps:
         if one.channel != channel:
             continue
-        place = np.full(len(zero_row) + 1, -1)
-        place[one.rows] = np.arange(len(one.rows))
-        columns = np.vstack([one.columns * one.prior, np.zeros(one.columns.shape[1])])
-        # The last row, of zeros, stands for a row without entries and for the model's own zero.
-        entering = columns[place[rows]] - columns[place[zero_row[rows]]]
-        sums = np.zeros((len(counts), columns.shape[1]))
+        entering = one.at(rows) - one.at(zero_row[rows])
+        sums = np.zeros((len(counts), entering.shape[1]))
         np.add.at(sums, which, entering)
         variances = variances + np.sum((sums / counts[:, None]) ** 2, axis=1)
     return np.asarray(variances)

@@ -171,7 +171,7 @@ def _beyond_setups(
             float(scatter.value**2 * (1.0 + zeroed)),
             scatter.freedom,
             (visit[:, None] == setups) * float(np.sqrt(setup / (1.0 + zeroed))),
-            _columns(maps, c, own, len(values)),
+            _columns(maps, c, own),
             len(own),
         )
         if p * len(few) < BY_CHANCE:
@@ -246,15 +246,10 @@ def _variance_of_setups(found: FinishedSearch) -> float:
     return float(np.median(shares)) if shares else 0.0
 
 
-def _columns(maps: Sequence[Nuisance], channel: int, own: IntArray, count: int) -> FloatArray:
+def _columns(maps: Sequence[Nuisance], channel: int, own: IntArray) -> FloatArray:
     """Lay out what one standard error of each way in which the maps may be wrong does, (m, p)."""
-    parts = [np.zeros((len(own), 0))]
-    for one in maps:
-        if one.channel == channel:
-            full = np.zeros((count, len(one.prior)))
-            full[one.rows] = one.columns * one.prior
-            parts.append(full[own])
-    return np.hstack(parts)
+    parts = [one.at(own) for one in maps if one.channel == channel]
+    return np.hstack([np.zeros((len(own), 0)), *parts])
 
 
 def too_large(
@@ -365,5 +360,5 @@ def _of_maps(count: int, maps: Sequence[Nuisance]) -> FloatArray:
     """Give the variance that the maps' uncertainty leaves in each row, shape (n,)."""
     found = np.zeros(count)
     for one in maps:
-        found[one.rows] += one.columns**2 @ one.prior**2
+        found[one.rows] += np.sum(one.columns**2, axis=1)
     return found

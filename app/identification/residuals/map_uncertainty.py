@@ -354,7 +354,7 @@ def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) ->
     back = sparse.csr_array(
         (np.ones(len(mine)), (places, np.arange(len(mine)))), shape=(len(touched), len(mine))
     )
-    return Nuisance(own.channel, own.rows, columns, np.ones(columns.shape[1]), back @ weights)
+    return Nuisance(own.channel, own.rows, columns, back @ weights)
 
 
 def _refuse_too_large(projection: Projection, own: ChannelEntries, taken: int) -> None:

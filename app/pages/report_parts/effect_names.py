@@ -37,7 +37,6 @@ MARKS: Final = {
 TESTS: Final = {
     "generic": "it varies smoothly with something that was recorded",
     "lack-of-fit": "residuals at one place differ more than repeats made there",
-    "visit-variance": "visits differ by more than the declared set-up scatter",
     "held-out": "held-out residuals are well above the floor",
     "many-of-one-family": (
         "several effects of one kind on one component: they imitate something else"
