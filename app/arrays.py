@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,9 @@ IntArray: TypeAlias = NDArray[np.intp]
 """Counts, and numbers of places, rows, visits, channels."""
 SparseArray: TypeAlias = "csr_array[np.float64]"
 """A matrix by rows, of which only what is not zero is kept."""
+
+NORMAL: Final = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 def frozen(values: ArrayLike) -> FloatArray:
@@ -47,6 +50,17 @@ def rms(values: FloatArray) -> float:
     5.0
     """
     return float(np.sqrt(np.mean(values**2)))
+
+
+def robust_sd(deviations: FloatArray) -> float:
+    """Give the standard deviation of a normal distribution with the values' median size.
+
+    What lies far off does not count (F. Hampel, J. Am. Stat. Assoc. 69 (1974) 383).
+
+    >>> round(robust_sd(np.array([-1.0, 1.0, 0.5, 400.0])), 4)
+    1.4826
+    """
+    return NORMAL * float(np.median(np.abs(deviations)))
 
 
 def rms_length(vectors: FloatArray) -> float:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import siegelslopes
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, robust_sd
 
 FAR_VALUE: Final = 5.0
 FAR_HOLE: Final = 6.0
@@ -24,11 +24,9 @@ FEWEST_TO_JUDGE: Final = 6
 FEWEST_STEPS_TO_JUDGE: Final = 4
 """Of fewer none can be told from the rest."""
 
-NORMAL_PER_MEDIAN: Final = 1.4826
-"""Standard deviation over median of absolute deviations, of a normal distribution."""
-
 NORMAL_PER_MEAN: Final = 1.2533
-"""The same over their mean, which serves where more than half of the values are equal."""
+"""Standard deviation over mean of absolute deviations, of a normal distribution: it serves where
+more than half of the values are equal."""
 
 ROUNDING: Final = 1e-9
 """Share of the largest value that rounding may leave."""
@@ -123,13 +121,12 @@ def far_holes(residuals_um: FloatArray) -> tuple[int, ...]:
     if len(residuals_um) < FEWEST_TO_JUDGE:
         return ()
     left = residuals_um - np.median(residuals_um, axis=0)
-    scale = NORMAL_PER_MEDIAN * np.median(np.abs(left))
-    return _beyond(np.hypot(*left.T), max(FAR_HOLE * float(scale), ROUNDING_UM))
+    return _beyond(np.hypot(*left.T), max(FAR_HOLE * robust_sd(left), ROUNDING_UM))
 
 
 def _far(sizes: FloatArray, unknowns: int, rounding: float) -> tuple[int, ...]:
     """Find sizes beyond 5 robust standard deviations, of which few scatter less."""
-    scale = NORMAL_PER_MEDIAN * float(np.median(sizes))
+    scale = robust_sd(sizes)
     if scale <= rounding:
         scale = NORMAL_PER_MEAN * float(sizes.mean())
     few = 1 + 5 / (sizes.size - unknowns)

@@ -1,7 +1,6 @@
 """Repeatability of a channel: declared, from replicates, or from what the residuals leave.
 
 N. Draper, H. Smith, Applied Regression Analysis (1998): pure error of replicates.
-F. Hampel, J. Am. Stat. Assoc. 69 (1974) 383: the median absolute deviation as a scale.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from app.arrays import BoolArray, FloatArray, IntArray, rms
+from app.arrays import BoolArray, FloatArray, IntArray, rms, robust_sd
 from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
 from app.search.rows import DeclaredNoise, Rows
 
@@ -32,10 +31,6 @@ KNOWN: Final = frozenset({"declared", COMMON, "rounding"})
 
 MOST_POOLED: Final = 20
 """So many degrees of freedom the replicates of channels that are alike count for at most."""
-
-NORMAL: Final = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
 
 NOTHING_LEFT: Final = 1e-9
 """Share of their size from which residuals beside a shift and a tilt are more than rounding."""
@@ -196,5 +191,5 @@ def _within_visits(rows: Rows, channel: int, use: BoolArray) -> float:
     mine = use & (rows.channel == channel)
     _, group = np.unique(rows.visit[mine], return_inverse=True)
     left = deviations(rows.values[mine], group.ravel())
-    guess = NORMAL * float(np.median(np.abs(left)))
+    guess = robust_sd(left)
     return guess or rms(left) or rms(rows.values[mine]) or 1.0

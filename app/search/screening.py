@@ -18,11 +18,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import binom
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, robust_sd
 from app.search.channel import DECLARED_WEIGHT, Channel
 from app.search.findings import Excluded
 from app.search.moments import fixed_of
-from app.search.noise import NORMAL
 from app.search.problem import prepared
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS, Scatter
@@ -334,7 +333,7 @@ class Within:
         """
         left, count = self.studentised, len(self.studentised)
         weight = self.channel.weight if self.channel.weight >= DECLARED_WEIGHT else 0.0
-        shown = NORMAL * float(np.median(np.abs(left - np.median(left)))) * (1.0 + FEW / count)
+        shown = robust_sd(left - np.median(left)) * (1.0 + FEW / count)
         return max(shown, float(np.sqrt((weight + count * shown**2) / (weight + count))))
 
 
@@ -373,8 +372,7 @@ def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> l
         if len(known) < FEWEST_BLOCKS:
             continue
         apart = shift[known] - np.median(shift[known])
-        away = np.abs(apart)
-        size = NORMAL * float(np.median(away))
+        away, size = np.abs(apart), robust_sd(apart)
         order = np.argsort(away)
         first, second = away[order[-1]], away[order[-2]]
         if first > OUTLIER * max(size, 0.3) and first > SLIP_RATIO * second:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, robust_sd
 from app.units import SECONDS_PER_MIN
 
 NOISY_K: Final = 0.1
@@ -36,9 +36,6 @@ MOST_OWN: Final = 0.5
 BENT: Final = 0.25
 """At the width that misses least, what lines miss because a temperature bends, in the variance of
 their own error: both grow at the rates that make the sum least (fourth power and inverse)."""
-
-TO_SIGMA: Final = 1.4826
-"""Standard deviation over the median of absolute values, of normal errors."""
 
 
 class Noisy(NamedTuple):
@@ -82,7 +79,7 @@ def scatter_k(times_s: FloatArray, temperatures_c: FloatArray, max_gap_s: float)
     near = (gaps_s <= max_gap_s)[:-1] & (gaps_s <= max_gap_s)[1:]
     if near.sum() < FEWEST_READINGS:
         return 0.0
-    found = TO_SIGMA * float(np.median(np.abs(apart[near])))
+    found = robust_sd(apart[near])
     pairs = near[:-1] & near[1:]
     # Few far values would decide a correlation of the values themselves.
     usual = np.clip(apart, -3.0 * found, 3.0 * found)

@@ -150,6 +150,7 @@ def stated_search(
             channel=rows.channel,
             datum=rows.datum(),
             tilt=rows.points_mm[:, :1],
+            minutes=rows.times_s / 60.0,
         ),
         use=np.ones(len(rows), dtype=bool),
         hypotheses={
@@ -306,7 +307,6 @@ def test_what_is_fitted_to_single_observations_makes_no_set_up_scatter_less_or_m
     found = stated_search(right, right, setups=0.5)
     found.findings.noise[0] = replace(found.findings.noise[0], fitted=fitted)
     assert found.scatter(0) == (noise, 0.5)
-    assert found.floor(0) == pytest.approx(np.hypot(noise, 0.5))
     assert found.noise(0) == fitted
 
 

@@ -13,10 +13,8 @@ from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import summary
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.before_after import (
-    UnknownZero,
     pooled_figures,
     scatter_in_repeatabilities,
-    without_zeros,
     zero_of,
 )
 from app.identification.analysis.curves import mean_variances, of_one_unit, seen_apart
@@ -32,6 +30,7 @@ from app.identification.residuals.summary import share_above
 from app.pages.residuals_page.head import size_sentence
 from app.search.findings import ChannelNoise, Figure, Floor, HeldOut
 from app.search.rows import Nuisance
+from app.search.zeros import UnknownZero, without_zeros
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 

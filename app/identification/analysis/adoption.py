@@ -208,7 +208,7 @@ def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: F
     """
     seen = found.use & np.isfinite(found.findings.adopted) & np.isfinite(instead)
     anew, before = (
-        np.array(gains_of_visits(found, channels, predicted, seen))
+        gains_of_visits(found, channels, predicted, seen)
         for predicted in (found.findings.adopted, instead)
     )
     return is_above_zero(anew - before, AGREES)
@@ -295,22 +295,18 @@ def _share_shown(
     own, others : ndarray, shape (n,)
         What it says of each row, and what stands beside it.
     """
-    size = product = variance = 0.0
-    for c in channels:
-        noise, shift = found.scatter(c)
-        here = found.use & (found.rows.channel == c)
-        for visit in np.intersect1d(setups, found.rows.visit[here]):
-            rows = here & (found.rows.visit == visit)
-            claimed = found.from_zero(own, rows)
-            left = found.from_zero(found.rows.values - others, rows)
-            weight = 1.0 / (noise**2 + shift**2)
-            size += weight * float(claimed @ claimed)
-            product += weight * float(claimed @ left)
-            spread = noise**2 * float(claimed @ claimed) + shift**2 * float(claimed.sum()) ** 2
-            variance += weight**2 * spread
+    rows = found.use & np.isin(found.rows.channel, list(channels))
+    rows &= np.isin(found.rows.visit, setups)
+    claimed, left = (found.from_zero(values, rows) for values in (own, found.rows.values - others))
+    noise, shift = found.scatters[rows].T
+    weights = claimed / (noise**2 + shift**2)
+    size = float(weights @ claimed)
     if size <= 0.0:
         return 1.0, np.inf
-    return product / size, float(np.sqrt(variance)) / size
+    # a'y with y's covariance: each row's noise, and the shift that a set-up's rows share.
+    together = np.bincount(found.set_up[rows], weights=weights * shift)
+    error = float(np.sqrt(np.sum((weights * noise) ** 2) + np.sum(together**2)))
+    return float(weights @ left) / size, error / size
 
 
 def _why_not_any_more(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
@@ -334,7 +330,7 @@ def _why_not_any_more(found: FinishedSearch, effect: Effect, term: FoundTerm) ->
 
 def _gain(found: FinishedSearch, channels: Collection[int], predicted: FloatArray) -> float:
     """Sum up by how much the squares of some channels fall, each in its floor's."""
-    return sum(gains_of_visits(found, channels, predicted, found.use))
+    return float(gains_of_visits(found, channels, predicted, found.use).sum())
 
 
 def _spoilt(effect: Effect, effects: Sequence[Effect]) -> str | None:

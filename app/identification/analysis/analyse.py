@@ -32,7 +32,6 @@ from app.identification.analysis.before_after import (
     pooled,
     pooled_figures,
     used_rows,
-    without_zeros,
 )
 from app.identification.analysis.curves import plots
 from app.identification.analysis.far_values import MOST_LISTED, far_values, left_out_words
@@ -440,7 +439,7 @@ def _unexplained(found: FinishedSearch, left: FloatArray) -> list[UnexplainedPar
         parts.append(
             UnexplainedPart(
                 component=names[channel],
-                rms=rms(without_zeros(found.zeros, np.where(own, left, np.nan))[own]),
+                rms=rms(found.from_zero(left, own)),
                 noise=found.findings.noise[channel].fitted,
                 unit=channel_unit(names[channel]).symbol,
                 moves_with=tuple(dict.fromkeys(moves_with)),

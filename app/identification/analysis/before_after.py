@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray, rms
+from app.arrays import BoolArray, FloatArray, rms
 from app.identification.analysis.figures import ComponentFigures, Figures, Zero
 from app.identification.residuals.residuals import Residuals, channel_unit
 from app.search.figures import figure
 from app.search.findings import Findings
 from app.search.noise import replicate_scatter
-from app.search.rows import Datum, Rows
+from app.search.rows import Rows
+from app.search.zeros import UnknownZero, unknown_zeros, without_zeros
 from app.units import Unit
 
 NO_REPEATS: Final = (
@@ -25,64 +25,6 @@ NO_REPEATS: Final = (
 
 SCATTER_OF_DIFFERENCE: Final = float(np.sqrt(2.0))
 """Of two observations, in standard deviations of one."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UnknownZero:
-    """Rows that share a zero of the instrument that is not the model's.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (m,)
-        In order of time.
-    is_first
-        Whether the instrument read zero at the first of them.
-    """
-
-    rows: IntArray
-    is_first: bool
-
-
-def unknown_zeros(rows: Rows) -> list[UnknownZero]:
-    """List the rows that share each unknown zero of an instrument."""
-    found = []
-    for (visit, channel), datum in rows.datum.items():
-        own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-        if own.size and datum is not Datum.ABSOLUTE:
-            ordered = own[np.argsort(rows.minutes[own], kind="stable")]
-            found.append(UnknownZero(ordered, datum is Datum.FIRST))
-    return found
-
-
-def without_zeros(zeros: Sequence[UnknownZero], values: FloatArray) -> FloatArray:
-    """Take unknown zeros of an instrument off, as a user of the machine meets what is left.
-
-    Of an instrument that was zeroed at its first observation that observation's residual, of
-    one whose zero nobody knows the mean.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Residuals; NaN takes no part.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Examples
-    --------
-    >>> values, shared = np.array([3.0, 5.0, 7.0]), np.array([0, 1])
-    >>> without_zeros([UnknownZero(shared, False)], values).tolist()
-    [-1.0, 1.0, 7.0]
-    >>> without_zeros([UnknownZero(shared, True)], values).tolist()
-    [0.0, 2.0, 7.0]
-    """
-    found = values.copy()
-    for zero in zeros:
-        known = zero.rows[~np.isnan(values[zero.rows])]
-        if known.size:
-            found[known] -= values[known[0]] if zero.is_first else values[known].mean()
-    return found
 
 
 def scatter_in_repeatabilities(zeros: Sequence[UnknownZero], count: int) -> FloatArray:

@@ -21,10 +21,10 @@ from app.effects.effect import Effect
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
-from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.plots import EffectCurve, Plots, VisitMeans
 from app.identification.residuals.residuals import channel_unit
+from app.search.zeros import without_zeros
 
 MOST_POINTS: Final = 400
 """Of one drawing."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import hypot
 from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.claim import claim_of
 from app.effects.effect import Effect
@@ -19,13 +18,13 @@ from app.effects.kind import OverTime
 from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
-from app.identification.analysis.before_after import UnknownZero, unknown_zeros
 from app.identification.analysis.unseen_part import Expected, with_expected
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import Findings, FoundTerm, Status
-from app.search.rows import Datum, Nuisance, Rows
+from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.validation import holds
+from app.search.zeros import UnknownZero, unknown_zeros, without_zeros
 from app.thermal.error_map import ErrorMap
 
 SLOWEST: Final = 0.99
@@ -68,10 +67,6 @@ class FinishedSearch:
         left = {one.channel for one in self.findings.unexplained if one.test != besides}
         return bool(left.intersection(channels))
 
-    def floor(self, channel: int) -> float:
-        """Say what repeatability and set-up scatter alone leave in a channel [its unit]."""
-        return hypot(*self.scatter(channel))
-
     def scatter(self, channel: int) -> tuple[float, float]:
         """Give the standard deviations of an observation and of a set-up as a whole.
 
@@ -87,31 +82,29 @@ class FinishedSearch:
         """Give the standard deviation of an observation, as fitted to these rows; above zero."""
         return max(self.findings.noise[channel].fitted, float(np.finfo(float).tiny))
 
-    def from_zero(self, values: FloatArray, own: BoolArray) -> FloatArray:
-        """Give values of one visit in one channel from the zero that the machine has there.
+    @cached_property
+    def set_up(self) -> IntArray:
+        """Number of each row's set-up in its channel, growing with both, shape (n,)."""
+        pairs = np.column_stack([self.rows.channel, self.rows.visit])
+        return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
-        From its first observation where the instrument read zero there, from the mean where its
-        zero is not known.
+    @cached_property
+    def scatters(self) -> FloatArray:
+        """Standard deviations of each row and of its set-up as a whole, shape (n, 2)."""
+        found = np.full((len(self.use), 2), np.nan)
+        for channel in self.findings.noise:
+            found[self.rows.channel == channel] = self.scatter(channel)
+        return found
+
+    def from_zero(self, values: FloatArray, chosen: BoolArray) -> FloatArray:
+        """Give values of m chosen rows without the zeros that nobody knows, shape (m,).
 
         Parameters
         ----------
         values : ndarray, shape (n,)
             Of all rows.
-        own : ndarray, shape (n,)
-            Which rows are that visit's in that channel.
         """
-        rows = np.flatnonzero(own)
-        found: FloatArray = values[rows]
-        if not rows.size:
-            return found
-        datum = self.rows.datum.get(
-            (int(self.rows.visit[rows[0]]), int(self.rows.channel[rows[0]])), Datum.ABSOLUTE
-        )
-        if datum is Datum.FIRST:
-            found = found - found[np.argmin(self.residuals.rows.times_s[rows])]
-        if datum is Datum.FREE:
-            found = found - found.mean()
-        return found
+        return without_zeros(self.zeros, np.where(chosen, values, np.nan))[chosen]
 
     def own_channels(self, effect: Effect, term: FoundTerm) -> list[int]:
         """The effect's own components where they were observed by themselves, else all channels."""

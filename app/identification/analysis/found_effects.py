@@ -13,7 +13,7 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, series_text
 from app.effects.registry import explain, kind_of, separating_measurement
 from app.identification.analysis.adoption import Help, Judged
-from app.identification.analysis.before_after import lengths, without_zeros
+from app.identification.analysis.before_after import lengths
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.reading_faults import ReadingFaults
@@ -77,7 +77,7 @@ def faults_of_readings(
         in_um = own & lengths(found.residuals)
         own = in_um if in_um.any() else own
         sizes = [
-            rms(without_zeros(found.zeros, np.where(own, values, np.nan))[own])
+            rms(found.from_zero(values, own))
             for values in (np.where(np.isnan(before), found.rows.values, before), found.rows.values)
         ]
         described.append(
@@ -195,10 +195,7 @@ def _sizes(found: FinishedSearch, effect: Effect, term: FoundTerm) -> tuple[floa
         chosen, explained = held, predicted
     else:
         explained = sum((found.explained(e) for e in found.effects()), np.zeros(len(chosen)))
-    sizes = [
-        rms(without_zeros(found.zeros, np.where(chosen, found.rows.values - part, np.nan))[chosen])
-        for part in (0.0, explained)
-    ]
+    sizes = [rms(found.from_zero(found.rows.values - part, chosen)) for part in (0.0, explained)]
     return sizes[0], sizes[1], channel_unit(names[(in_um or own)[0]]).symbol
 
 

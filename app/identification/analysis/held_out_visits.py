@@ -36,17 +36,20 @@ class Worse(NamedTuple):
 def markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[Worse]:
     """List the held-out visits, channel by channel, that get markedly worse."""
     seen = found.use & np.isfinite(predicted)
-    pairs = np.unique(np.column_stack([found.rows.channel, found.rows.visit])[seen], axis=0)
-    nothing = np.zeros(len(predicted))
-    for c, visit in pairs.tolist():
-        own = seen & (found.rows.channel == c) & (found.rows.visit == visit)
-        if not predicted[own].any():
-            continue
-        before, after = (size_left(found, part, own) for part in (nothing, predicted))
-        often = float(norm.isf(ONE_SIDED / int((pairs[:, 0] == c).sum())))
-        scatter = _scatter_of_visit(found, c, visit, int(own.sum()))
-        if after - before > max(MARKEDLY * before, often * scatter):
-            yield Worse(own, c, before, after)
+    set_up = found.set_up[seen]
+    count = np.maximum(np.bincount(set_up), 1)
+    before, after = (
+        np.sqrt(np.bincount(set_up, found.from_zero(found.rows.values - part, seen) ** 2) / count)
+        for part in (np.zeros(len(predicted)), predicted)
+    )
+    for one in np.unique(set_up[predicted[seen] != 0.0]).tolist():
+        own = seen & (found.set_up == one)
+        c, visit = int(found.rows.channel[own][0]), int(found.rows.visit[own][0])
+        of_channel = np.unique(set_up[found.rows.channel[seen] == c]).size
+        often = float(norm.isf(ONE_SIDED / of_channel))
+        scatter = _scatter_of_visit(found, c, visit, int(count[one]))
+        if after[one] - before[one] > max(MARKEDLY * before[one], often * scatter):
+            yield Worse(own, c, float(before[one]), float(after[one]))
 
 
 def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
@@ -81,7 +84,7 @@ def get_smaller(found: FinishedSearch, channels: Collection[int]) -> bool:
     """Whether held-out visits get smaller: the lower bound of their mean gain is above zero."""
     held_out = found.use & np.isfinite(found.findings.adopted)
     gains = gains_of_visits(found, channels, found.findings.adopted, held_out)
-    return is_above_zero(np.array(gains), ONE_SIDED)
+    return is_above_zero(gains, ONE_SIDED)
 
 
 def is_above_zero(gains: FloatArray, chance: float) -> bool:
@@ -94,17 +97,13 @@ def is_above_zero(gains: FloatArray, chance: float) -> bool:
 
 def gains_of_visits(
     found: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
-) -> list[float]:
-    """Sum up by how much the squares of each visit fall, each channel in its floor's."""
-    gains: list[float] = []
-    visit = found.rows.visit
+) -> FloatArray:
+    """Sum up by how much the squares of each visit fall, each row in its floor's, shape (v,)."""
     chosen = chosen & np.isin(found.rows.channel, list(channels))
-    for number in np.unique(visit[chosen]):
-        gain = 0.0
-        for c in channels:
-            own = chosen & (visit == number) & (found.rows.channel == c)
-            before = found.from_zero(found.rows.values, own)
-            after = found.from_zero(found.rows.values - predicted, own)
-            gain += float(np.sum(before**2 - after**2)) / found.floor(c) ** 2
-        gains.append(gain)
-    return gains
+    before, after = (
+        found.from_zero(values, chosen)
+        for values in (found.rows.values, found.rows.values - predicted)
+    )
+    gains = (before**2 - after**2) / np.sum(found.scatters[chosen] ** 2, axis=1)
+    _, visit = np.unique(found.rows.visit[chosen], return_inverse=True)
+    return np.bincount(visit, weights=gains).astype(np.float64)

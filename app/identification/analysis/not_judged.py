@@ -16,7 +16,6 @@ from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
-from app.identification.analysis.before_after import without_zeros
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT
@@ -25,6 +24,7 @@ from app.search.noise import KNOWN, shows_scatter
 from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS, FEWEST_SETUPS
 from app.search.sum_of_squares import surprise_of_squares
+from app.search.zeros import without_zeros
 
 LARGER: Final = 2.0
 """Root mean squares so many times what repeatability and maps explain are no chance: the maps'

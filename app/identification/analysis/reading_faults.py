@@ -13,14 +13,13 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import median_filter
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import BoolArray, FloatArray, robust_sd
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.kinds.sensor_fault import SPIKES, STUCK, SensorFault
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.identification.campaign import Campaign
-from app.search.noise import NORMAL
 from app.thermal.coarse_readings import step_k as reading_step_k
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import CLEARLY, Health, goes_on, judge_record
@@ -136,7 +135,7 @@ def _far(values: FloatArray, resolution_c: float) -> BoolArray:
         return found
     middle = median_filter(values[known], size=WINDOW, mode="nearest")
     away = values[known] - middle
-    usual = NORMAL * float(np.median(np.abs(away)))
+    usual = robust_sd(away)
     # Where heating begins or ends, a true reading lies one step from its neighbours' median.
     step_c = float(np.quantile(np.abs(np.diff(middle)), FASTEST))
     # What a coarse sensor reads near the middle between two of its steps changes by one of them.
@@ -162,7 +161,7 @@ def _spiking(
         "spike_k": float(np.median(away)),
         "share": share,
     }
-    errors = {"spike_k": NORMAL * float(np.median(np.abs(away - np.median(away))))}
+    errors = {"spike_k": robust_sd(away - np.median(away))}
     words = (
         f"{int(spikes.sum())} single readings of {sensor} lie {np.median(np.abs(away)):.1f} K "
         "from those before and after them"

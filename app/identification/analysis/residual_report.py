@@ -13,12 +13,9 @@ from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import BoolArray, FloatArray, rms
 from app.identification.analysis.before_after import (
     SCATTER_OF_DIFFERENCE,
-    UnknownZero,
     lengths,
     pooled,
     scatter_in_repeatabilities,
-    unknown_zeros,
-    without_zeros,
     zero_of,
 )
 from app.identification.analysis.figures import Zero
@@ -27,6 +24,7 @@ from app.identification.residuals.residuals import LeftOut, Residuals, channel_u
 from app.identification.residuals.summary import Summary, share_above, summarise
 from app.search.noise import repeatability
 from app.search.rows import Rows
+from app.search.zeros import UnknownZero, unknown_zeros, without_zeros
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, rms
-from app.identification.analysis.before_after import UnknownZero, unknown_zeros, without_zeros
 from app.identification.residuals.residuals import Residuals
 from app.search.rows import Rows
+from app.search.zeros import UnknownZero, unknown_zeros, without_zeros
 
 
 @dataclass(frozen=True, eq=False)

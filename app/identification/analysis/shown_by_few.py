@@ -166,18 +166,16 @@ def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: B
     """
     own = found.explained(effect)
     others = sum((found.explained(e) for e in found.effects()), -own)
-    information, product = np.zeros((2, 2)), np.zeros(2)
-    for c, visit in np.unique(
-        np.column_stack([found.rows.channel, found.rows.visit])[acts], axis=0
-    ).tolist():
-        rows = acts & (found.rows.channel == c) & (found.rows.visit == visit)
-        noise, shift = found.scatter(c)
-        columns = np.column_stack([found.from_zero(part, rows) for part in (own, always)])
-        # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
-        shared = shift**2 / (noise**2 + len(columns) * shift**2)
-        weighted = (columns - shared * columns.sum(axis=0)) / noise**2
-        information += weighted.T @ columns
-        product += weighted.T @ found.from_zero(found.rows.values - others, rows)
+    columns = np.column_stack([found.from_zero(part, acts) for part in (own, always)])
+    left = found.from_zero(found.rows.values - others, acts)
+    noise, shift = found.scatters[acts].T[..., None]
+    group = found.set_up[acts]
+    # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
+    shared = shift**2 / (noise**2 + np.bincount(group)[group][:, None] * shift**2)
+    sums = np.zeros((int(group.max(initial=0)) + 1, 2))
+    np.add.at(sums, group, columns)
+    weighted = (columns - shared * sums[group]) / noise**2
+    information, product = weighted.T @ columns, weighted.T @ left
     covariance = np.linalg.pinv(information, hermitian=True)
     # Where nothing tells the two apart, neither is known.
     if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:

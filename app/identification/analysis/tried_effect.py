@@ -21,10 +21,10 @@ from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
 from app.effects.registry import do_the_same
 from app.errors import InvalidContent, list_names
-from app.identification.analysis.before_after import unknown_zeros, without_zeros
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import RESAMPLED
+from app.search.zeros import unknown_zeros, without_zeros
 
 FEWEST_SETUPS: Final = 8
 """From fewer nobody knows how much they scatter."""

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import FloatArray
+from app.arrays import FloatArray, robust_sd
 from app.effects.observations import POINT_CHANNELS, ObservationRows
 from app.identification.residuals.residuals import channel_unit
 
@@ -25,9 +25,6 @@ FEWEST: Final = 8
 
 SHARE: Final = 0.1
 """More than this share of a visit is not lone."""
-
-SD_OF_MEDIAN: Final = 1.4826
-"""Standard deviation over the median of absolute values, of a normal distribution."""
 
 
 class LoneValue(NamedTuple):
@@ -53,7 +50,7 @@ def lone_values(own: Iterable[int], left: FloatArray, stated: float | None) -> l
     if len(left) < FEWEST:
         return []
     off = left - np.median(left)
-    scatter = max(SD_OF_MEDIAN * float(np.median(np.abs(off))), stated or 0.0)
+    scatter = max(robust_sd(off), stated or 0.0)
     if scatter == 0.0:
         return []
     found = [
