@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from app.arrays import BoolArray, FloatArray
 from app.search.findings import Slope
 from app.search.joint_fit import Fit, fit_terms
+from app.search.model import Model
 from app.search.problem import Problem, Term
 from app.search.state import Given, State
 
@@ -60,17 +60,10 @@ class Learned:
         -------
         ndarray, shape (n,)
         """
-        state = self.states[channel]
-        effect = self.effect(channel)
-        level = state.level(self.fit.level[channel])
+        state, effect = self.states[channel], self.effect(channel)
         own = state.fixed.channel
-        if not own.nuisance.shape[1]:
-            return effect
-        left = (own.values - effect)[:, None]
-        seen = own.by_cell(own.nuisance, left, state.fixed.cells)[state.cells].sum(axis=0)
-        lower = level.shadow(seen, own.reduce(left)[state.blocks])[0, -len(seen) :]
-        entries = solve_triangular(level.root[0], lower, lower=True, trans=1)
-        return np.asarray(effect + own.nuisance @ entries[:, 0])
+        entries = Model(state, self.fit.level[channel]).entries(own.values - effect)
+        return np.asarray(effect + own.nuisance @ entries)
 
 
 def learn(states: Mapping[int, State], terms: Sequence[Term]) -> Learned:
@@ -159,20 +152,11 @@ def _seen(
     without: Learned, channel: int, change: FloatArray, held: BoolArray
 ) -> tuple[float, float]:
     """Give f'Ω⁻¹q and f'Ω⁻¹f of one channel: predicted change f, what is left without it q."""
-    state = _beside(without, channel)
-    fixed, level = state.fixed.channel, without.fit.level[channel]
-    columns = fixed.nuisance
-    if state.given is not None:
-        columns = np.hstack([columns, state.given.columns])
-    left = fixed.values - without.prediction(channel)
-    inner = _whitened_products(state, level, np.column_stack([change, left, columns]), held)
-    root = state.level(level).root[0]
-    taken = np.zeros((2, 2))
-    if len(root):
-        stiff = cho_factor(root @ root.T + inner[2:, 2:])
-        taken = inner[2:, :2].T @ cho_solve(stiff, inner[2:, :2])
-    product = (inner[:2, :2] - taken) / without.fit.scatter[channel]
-    return float(product[0, 1]), float(product[0, 0])
+    model = Model(_beside(without, channel), without.fit.level[channel])
+    left = without.states[channel].fixed.channel.values - without.prediction(channel)
+    product = model.product_of_held_out(np.column_stack([change, left]), held)
+    size, agreement = product[0] / without.fit.scatter[channel]
+    return float(agreement), float(size)
 
 
 def _beside(without: Learned, channel: int) -> State:
@@ -184,16 +168,3 @@ def _beside(without: Learned, channel: int) -> State:
     columns = np.hstack(mine)
     given = Given(columns, np.zeros(columns.shape[1]), np.zeros(len(columns)))
     return State(state.fixed, state.cells, given)
-
-
-def _whitened_products(
-    state: State, level: int, columns: FloatArray, held: BoolArray
-) -> FloatArray:
-    """Multiply columns over the held-out rows, each visit weighted by its own scatter."""
-    channel = state.fixed.channel
-    blocks = held[channel.cells]
-    whitening = channel.whitening(np.array([level]), blocks)
-    turned = whitening.turn(channel.reduce(columns)[blocks])[0]
-    kept = columns[blocks[channel.block]]
-    found: FloatArray = kept.T @ kept - turned.T @ turned
-    return found

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.arrays import FloatArray, IntArray
 from app.search.channel import shared_errors, unit_prior_columns
+from app.search.model import Model
 from app.search.problem import Term
 from app.search.rows import Nuisance
 from app.search.state import LEAST_SQUARES, State
@@ -154,14 +155,10 @@ def left_out(
         own = [one for one in errors if one.channel == c]
         if not mine or not own:
             continue
-        channel, use = state.fixed.channel, state.blocks[state.fixed.channel.block]
+        channel = state.fixed.channel
         x = np.hstack([t.columns[c] for _, t in mine])
         z = unit_prior_columns(own, c, channel.rows, channel.scale)
-        level, nuisance = state.level(fit.level[c]), channel.nuisance[use]
-        of_x, of_z = (
-            level.shadow(nuisance.T @ a[use], channel.reduce(a)[state.blocks])[0] for a in (x, z)
-        )
-        cross = (x[use].T @ z[use] - of_x.T @ of_z) / fit.scatter[c]
+        cross = Model(state, fit.level[c]).product(x, z) / fit.scatter[c]
         index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
         taken[index] += cross @ shared_errors(own, c, count).T
     moved = fit.covariance @ taken

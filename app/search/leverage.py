@@ -9,6 +9,7 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.search.foresight import Learned, learn
+from app.search.model import Model
 from app.search.problem import Term
 from app.search.selection import Selector
 
@@ -52,12 +53,10 @@ def leverage(
 def _by_block(model: Learned, weights: Learned, channel: int) -> FloatArray:
     """Give each block's weighted squares left by a model, weights from the full one."""
     state = model.states[channel]
-    fixed, level = state.fixed.channel, weights.fit.level[channel]
+    fixed = state.fixed.channel
     left = fixed.values - model.prediction(channel)
-    whitening = fixed.whitening(np.array([level]), np.ones(len(fixed.starts), dtype=np.bool_))
-    reduced = fixed.reduce(left[:, None])
-    turned_back = whitening.turn_back(whitening.turn(reduced), fixed.shapes.shape[1])[0]
     # Blocks that scatter together share their squares r'V⁻¹r: each has r_i'(V⁻¹r)_i of them.
-    taken = np.sum(reduced[..., 0] * turned_back.reshape(reduced.shape)[..., 0], axis=1)
-    squares = np.add.reduceat(left**2, fixed.starts) - taken
-    return np.asarray(squares[state.blocks] / weights.fit.scatter[channel])
+    setups = Model(state, weights.fit.level[channel]).setups(left)
+    taken = np.sum(fixed.reduce(left[:, None])[state.blocks, :, 0] * setups, axis=1)
+    squares = np.add.reduceat(left**2, fixed.starts)[state.blocks] - taken
+    return np.asarray(squares / weights.fit.scatter[channel])

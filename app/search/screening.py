@@ -15,12 +15,12 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.stats import binom
 
 from app.arrays import BoolArray, FloatArray, IntArray, robust_sd
 from app.search.channel import DECLARED_WEIGHT, Channel
 from app.search.findings import Excluded
+from app.search.model import Model
 from app.search.moments import fixed_of
 from app.search.problem import prepared
 from app.search.rows import Nuisance, Rows
@@ -270,22 +270,20 @@ class Within:
         return State(fixed_of(loose, 1), np.ones(1, dtype=bool))
 
     @cached_property
+    def model(self) -> Model:
+        """And at these variances."""
+        return Model(self.state, 0)
+
+    @cached_property
     def without_maps(self) -> FloatArray:
         """Values from the middle, without what the tables' own errors explain; shape (n,)."""
-        level = self.state.levels[0]
-        lower = self.state.shadows[0][0, level.turned.shape[1] :]
-        maps = solve_triangular(level.root[0], lower, lower=True, trans=1) if len(lower) else lower
-        explained = (self.channel.nuisance @ maps)[:, 0]
-        return np.asarray(self.channel.values - self.middle - explained)
+        maps = self.model.entries(self.state.fixed.channel.values)
+        return np.asarray(self.channel.values - self.middle - self.channel.nuisance @ maps)
 
     @cached_property
     def shared(self) -> FloatArray:
         """What each block shifts and tilts by, shape (b, s)."""
-        level = self.state.levels[0]
-        weighted = (self.without_maps * np.sqrt(self.weights))[:, None]
-        turned = level.whitening.turn(self.state.fixed.channel.reduce(weighted))
-        back = level.whitening.turn_back(turned, level.shapes)[0]
-        return np.asarray(back.reshape(-1, level.shapes))
+        return self.model.setups(self.without_maps * np.sqrt(self.weights))
 
     @cached_property
     def leverage(self) -> FloatArray:

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.findings import Rival, Slope, Status
 from app.search.foresight import Learned, calibration_slope, learn, slope_from_same_zero
 from app.search.library import Library
+from app.search.model import Model
 from app.search.problem import Problem, Term
 from app.search.rivals import claims_less
 from app.search.selection import Selection, Selector, given_states
@@ -312,14 +312,11 @@ def _open(learned: Learned) -> dict[int, FloatArray]:
     In repeatabilities. Maps and terms of one channel are known as it knows them; amplitudes that
     channels share, within their joint standard errors.
     """
-    found = {}
-    for c, state in given_states(learned.states, learned.terms).items():
-        own, given = state.fixed.channel, state.given
-        columns = own.nuisance if given is None else np.hstack([own.nuisance, given.columns])
-        root = state.level(learned.fit.level[c]).root[0]
-        solved = solve_triangular(root, columns.T, lower=True) if len(root) else columns.T
-        found[c] = learned.fit.scatter[c] * np.sum(solved**2, axis=0)
-    return found
+    fit = learned.fit
+    return {
+        c: fit.scatter[c] * Model(state, fit.level[c]).open_still
+        for c, state in given_states(learned.states, learned.terms).items()
+    }
 
 
 def _matches(terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals) -> list[int | None]:

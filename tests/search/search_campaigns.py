@@ -40,7 +40,7 @@ class Campaign:
         return replace(self, rows=replace(self.rows, noise=declared))
 
 
-def make_campaign(seed, visits=16, targets=6, datum=Datum.ABSOLUTE):
+def make_campaign(seed, visits=16, targets=6, datum=Datum.ABSOLUTE, shift=SHIFT):
     """Each visit measures each channel at `targets` random positions in both directions."""
     random = np.random.default_rng(seed)
     each = 2 * targets
@@ -54,7 +54,7 @@ def make_campaign(seed, visits=16, targets=6, datum=Datum.ABSOLUTE):
     twin = 0.95 * temperature + 0.3 * random.normal(0, 1, visits)
     speed = random.uniform(0, 1, visits)
     values = random.normal(0, REPEATABILITY, n)
-    values += random.normal(0, SHIFT, (visits, CHANNELS))[visit, channel]
+    values += random.normal(0, shift, (visits, CHANNELS))[visit, channel]
     values += random.normal(0, TILT, (visits, CHANNELS))[visit, channel] * position
     nuisance = []
     for c in range(CHANNELS):

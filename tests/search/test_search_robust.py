@@ -8,6 +8,7 @@ import pytest
 from app.arrays import rms
 from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
+from app.search.channel import ASSUMED_SHIFT
 from app.search.findings import Status, Verdict
 from app.search.noise import repeatability
 from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
@@ -426,7 +427,7 @@ def test_what_is_detectable_is_detected_nine_times_in_ten(key):
     """The planning figure against searches of ten visits: at its size found, at a third not."""
     found = weak = 0
     for seed in range(60, 72):
-        campaign = make_campaign(seed, visits=10, targets=5)
+        campaign = make_campaign(seed, visits=10, targets=5, shift=ASSUMED_SHIFT)
         candidates = make_library(campaign, pitches=4)
         seen = {d.key: d for d in detectable(campaign, candidates)}
         course = campaign.direction if key == "reversal-0" else campaign.speed
