@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.special import logsumexp
 
 from app.arrays import BoolArray, FloatArray, IntArray
+from app.search.levels import Fits, fitted
 
 FEWEST_LEVELS: Final = 4
 MOST_LEVELS: Final = 50
@@ -36,13 +37,6 @@ ODD: Final = 0.1
 
 NEGLIGIBLE: Final = 1e-6
 """Share of a term's largest size below which it has nothing of a shift or a tilt."""
-
-
-class _Fits(NamedTuple):
-    """Log likelihoods of levels at every size: with what fits best in common, and with nothing."""
-
-    log: FloatArray
-    about_zero: FloatArray
 
 
 def _sizes(memory: float) -> list[tuple[float, float]]:
@@ -288,22 +282,11 @@ def _within(course: FloatArray, visit: IntArray) -> FloatArray:
     return found
 
 
-def _fits(levels: FloatArray, memory: float) -> _Fits:
+def _fits(levels: FloatArray, memory: float) -> Fits:
     """Fit what levels have in common, at each size of their scatter and of what lasts."""
     level, variance, number = levels.T
     apart = np.abs(np.subtract.outer(number, number))
     lasting = np.exp(-apart / memory) if memory else np.zeros_like(apart, dtype=float)
-    scatter, lasts = np.array(_sizes(memory)).T
-    covariance = (scatter**2)[:, None, None] * np.eye(len(level)) + np.diag(variance)
-    covariance = covariance + (lasts**2)[:, None, None] * lasting
-    root = np.linalg.cholesky(covariance)
-    columns = np.column_stack([level, np.ones(len(level))])
-    y, one = np.moveaxis(
-        np.linalg.solve(root, np.broadcast_to(columns, (len(root), *columns.shape))), 2, 0
-    )
-    common = np.sum(one * y, axis=1) / np.sum(one**2, axis=1)
-    half = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    return _Fits(
-        -half - 0.5 * np.sum((y - common[:, None] * one) ** 2, axis=1),
-        -half - 0.5 * np.sum(y**2, axis=1),
-    )
+    scatter, lasts = np.square(_sizes(memory)).T[..., None, None]
+    covariances = np.diag(variance) + scatter * np.eye(len(level)) + lasts * lasting
+    return fitted(level, np.ones((len(level), 1)), covariances)

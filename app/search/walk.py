@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtr
 
 from app.arrays import FloatArray, IntArray
+from app.search.levels import Fits, fitted
 
 CHANCE: Final = 0.002
 """How improbable the opposite sign of a trend must be, walks of every size considered."""
@@ -34,14 +34,6 @@ AS_LIKELY_NONE: Final = _WEIGHTS / _WEIGHTS.sum()
 """Where nothing is known of a walk it is as likely that there is none: set-ups are made anew."""
 
 NEXT_TO_NOTHING: Final = 1e-6
-
-
-class _Fits(NamedTuple):
-    """Levels fitted with every size of scatter and of walk: log likelihood, first size, error."""
-
-    log: FloatArray
-    size: FloatArray
-    error: FloatArray
 
 
 def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
@@ -62,7 +54,7 @@ def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
     levels = _levels(left, np.zeros(len(left)), visit)
     if len(levels) < FEWEST_LEVELS:
         return None
-    return _probable(_fits(levels, np.ones((len(levels), 1))).log)
+    return _probable(_fits(levels, np.ones((len(levels), 1))).restricted)
 
 
 def may_be_walk(
@@ -111,8 +103,9 @@ def may_be_walk(
     expected = odd * AS_LIKELY_NONE
     if others:
         expected = expected + (1.0 - odd) * np.mean(others, axis=0)
-    weights = _probable(fits.log + np.log(expected))
-    return float(weights @ ndtr(-fits.size / fits.error)) > CHANCE
+    weights = _probable(fits.restricted + np.log(expected))
+    surely = fits.sizes[:, 0] / np.sqrt(fits.covariance[:, 0, 0])
+    return float(weights @ ndtr(-surely)) > CHANCE
 
 
 def _probable(log: FloatArray) -> FloatArray:
@@ -121,26 +114,13 @@ def _probable(log: FloatArray) -> FloatArray:
     return found
 
 
-def _fits(levels: FloatArray, design: FloatArray) -> _Fits:
-    """Fit levels, shape (m, 4), by generalised least squares at each size of scatter and walk."""
+def _fits(levels: FloatArray, design: FloatArray) -> Fits:
+    """Fit levels, shape (m, 4), at each size of scatter and walk."""
     level, _, count, number = levels.T
     steps = 1.0 + number - number[0]
     walk = np.minimum(steps[:, None], steps[None, :])
-    found = []
-    for scatter, step in SIZES_TRIED:
-        covariance = np.diag(1.0 / count + scatter**2) + step**2 * walk
-        factor = cho_factor(covariance, lower=True)
-        weighted = cho_solve(factor, design)
-        information = design.T @ weighted
-        sizes = np.linalg.solve(information, weighted.T @ level)
-        rest = level - design @ sizes
-        log = (
-            -np.log(np.diag(factor[0])).sum()
-            - 0.5 * np.linalg.slogdet(information)[1]
-            - 0.5 * float(rest @ cho_solve(factor, rest))
-        )
-        found.append((log, sizes[0], np.sqrt(np.linalg.inv(information)[0, 0])))
-    return _Fits(*np.array(found).T)
+    scatter, step = np.square(SIZES_TRIED).T[..., None, None]
+    return fitted(level, design, np.diag(1.0 / count) + scatter * np.eye(len(level)) + step * walk)
 
 
 def _levels(left: FloatArray, own: FloatArray, visit: IntArray) -> FloatArray:

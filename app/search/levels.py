@@ -1,0 +1,51 @@
+"""Levels of set-ups, y = X b + e, whose scatter has one of many covariances: how likely each is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from app.arrays import FloatArray
+
+
+class Fits(NamedTuple):
+    """Levels fitted with each of g covariances.
+
+    `log` is the log likelihood at the best b, `about_zero` at none, and `restricted` with b
+    integrated out, each but for the same constant; `sizes` are b, shape (g, p), and `covariance`
+    what they are known by, shape (g, p, p).
+    """
+
+    log: FloatArray
+    about_zero: FloatArray
+    restricted: FloatArray
+    sizes: FloatArray
+    covariance: FloatArray
+
+
+def fitted(level: FloatArray, design: FloatArray, covariances: FloatArray) -> Fits:
+    """Fit levels by generalised least squares.
+
+    Parameters
+    ----------
+    level : ndarray, shape (m,)
+    design : ndarray, shape (m, p)
+    covariances : ndarray, shape (g, m, m)
+        Of the levels.
+    """
+    root = np.linalg.cholesky(covariances)
+    both = np.column_stack([design, level])
+    whitened = np.linalg.solve(root, np.broadcast_to(both, (len(root), *both.shape)))
+    x, y = whitened[..., :-1], whitened[..., -1:]
+    information = x.transpose(0, 2, 1) @ x
+    sizes = np.linalg.solve(information, x.transpose(0, 2, 1) @ y)
+    half = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    log = -half - 0.5 * np.sum((y - x @ sizes) ** 2, axis=(1, 2))
+    return Fits(
+        log,
+        -half - 0.5 * np.sum(y**2, axis=(1, 2)),
+        log - 0.5 * np.linalg.slogdet(information)[1],
+        sizes[..., 0],
+        np.linalg.inv(information),
+    )
