@@ -223,6 +223,9 @@ COMPONENTS: Final[dict[str, Component]] = {
 
 ORDER: Final[dict[str, int]] = {code: i for i, code in enumerate(COMPONENTS)}
 
+_OF_MOTIONS: Final = [c for c in COMPONENTS.values() if c.axis and len(c.code) == 3]
+"""EXX to ECZ."""
+
 _ABOUT: Final = str.maketrans("ABC", "XYZ")
 """The axis that a rotation is about."""
 
@@ -239,6 +242,7 @@ _BY_OTHER_NAME: Final[dict[str, tuple[Component, int]]] = {
         if c.kind is Kind.ROTARY_LOCATION
     },
     # E_XX and E_X(X) beside EXX; VDI 2617's xTy and xRz; δ_y(x) and ε_z(x) of the literature.
+    **{c.code.lower(): (c, 1) for c in _OF_MOTIONS},
     **{
         c.code.lower(): (c, 1)
         for c in COMPONENTS.values()
@@ -247,14 +251,14 @@ _BY_OTHER_NAME: Final[dict[str, tuple[Component, int]]] = {
     **{
         f"{c.code[2]}{kind}{c.code[1].translate(_ABOUT)}".lower(): (c, 1)
         for kind, letters in (("T", "XYZ"), ("R", "ABC"))
-        for c in COMPONENTS.values()
-        if re.fullmatch(f"E[{letters}][XYZ]", c.code)
+        for c in _OF_MOTIONS
+        if c.code[1] in letters
     },
     **{
         f"{letter}{c.code[1].translate(_ABOUT)}{c.code[2]}".lower(): (c, 1)
         for letter, letters in (("δ", "XYZ"), ("ε", "ABC"))
-        for c in COMPONENTS.values()
-        if re.fullmatch(f"E[{letters}][XYZ]", c.code)
+        for c in _OF_MOTIONS
+        if c.code[1] in letters
     },
 }
 
