@@ -1,4 +1,4 @@
-"""The commands of the documents work: each page's, in their order, against a demo of its own.
+"""The commands of the documents work: each page's, in their order, against a running demo.
 
 Blocks of `sh` and `python` are run in a folder that has the files which the page shows (a block
 `csv run1.csv` is a file of that name). What cannot run here is marked ("```sh not-run"):
@@ -31,24 +31,29 @@ def has_commands(page):
     return any(language in RUN and not more for language, more, _ in blocks(page))
 
 
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """A folder in which `thermap demo` has its database, and an environment that speaks to it."""
+    folder = tmp_path_factory.mktemp("documents")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("THERMAP_")}
+    with running_demo(folder) as url:
+        yield folder, clean | {"PATH": path, "PYTHONPATH": str(ROOT), "THERMAP_URL": url}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", filter(has_commands, PAGES), ids=lambda page: str(page.relative_to(ROOT))
+    "page", list(filter(has_commands, PAGES)), ids=lambda page: str(page.relative_to(ROOT))
 )
-def test_the_commands_of_the_page_work_in_their_order(page, tmp_path):
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith("THERMAP_")
-    }
-    path = os.pathsep.join([str(Path(sys.executable).parent), environment["PATH"]])
-    with running_demo(tmp_path) as url:
-        environment |= {"PATH": path, "PYTHONPATH": str(ROOT), "THERMAP_URL": url}
-        for language, more, text in blocks(page):
-            if language in RUN and not more:
-                done = subprocess.run(
-                    [*RUN[language], text.replace("http://127.0.0.1:8000", url)],
-                    cwd=tmp_path, env=environment, capture_output=True, text=True,
-                    timeout=PATIENCE_S, stdin=subprocess.DEVNULL,
-                )  # fmt: skip
-                assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
-            elif more and more != "not-run":
-                (tmp_path / more).write_text(text, encoding="utf-8")
+def test_the_commands_of_the_page_work_in_their_order(page, demo):
+    folder, environment = demo
+    for language, more, text in blocks(page):
+        if language in RUN and not more:
+            done = subprocess.run(
+                [*RUN[language], text.replace("http://127.0.0.1:8000", environment["THERMAP_URL"])],
+                cwd=folder, env=environment, capture_output=True, text=True,
+                timeout=PATIENCE_S, stdin=subprocess.DEVNULL,
+            )  # fmt: skip
+            assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+        elif more and more != "not-run":
+            (folder / more).write_text(text, encoding="utf-8")
