@@ -196,6 +196,13 @@ def test_every_dependency_has_its_reason():
     assert [line for line in lines if not re.search(r'^    "[^"]+", # \w|, # /', line)] == []
 
 
+def test_the_readme_and_its_pictures_are_short():
+    assert (ROOT / "README.md").stat().st_size < 8_000
+    pictures = sorted((ROOT / "docs" / "pictures").iterdir())
+    assert len(pictures) == 3
+    assert all(picture.stat().st_size < 150_000 for picture in pictures)
+
+
 def test_the_first_screen_of_the_readme_has_both_commands():
     first_screen = (ROOT / "README.md").read_text(encoding="utf-8")[:2500]
     assert "pip install . && thermap demo" in first_screen

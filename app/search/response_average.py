@@ -43,7 +43,7 @@ coarsening, Journal of the American Statistical Association 114, 2019)."""
 FEWER: Final = 0.25
 """Share of the response without the columns that say one thing of a whole set-up: half of it serves
 a machine whose set-ups do not begin alike, none one whose set-ups do, and a quarter costs neither
-much (docs/measured-data.md, “A response”)."""
+much (docs/measured-data.md, the lathe)."""
 
 
 class Priors(NamedTuple):
