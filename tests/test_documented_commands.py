@@ -32,28 +32,31 @@ def has_commands(page):
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    """A folder in which `thermap demo` has its database, and an environment that speaks to it."""
-    folder = tmp_path_factory.mktemp("documents")
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+def environment(tmp_path_factory):
+    """Where the running demo is, and its database, for commands that work beside it."""
+    folder = tmp_path_factory.mktemp("demo")
     clean = {name: value for name, value in os.environ.items() if not name.startswith("THERMAP_")}
     with running_demo(folder) as url:
-        yield folder, clean | {"PATH": path, "PYTHONPATH": str(ROOT), "THERMAP_URL": url}
+        yield clean | {
+            "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
+            "PYTHONPATH": str(ROOT),
+            "THERMAP_URL": url,
+            "THERMAP_DATABASE_URL": f"sqlite:///{folder}/demo.db",
+        }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page", list(filter(has_commands, PAGES)), ids=lambda page: str(page.relative_to(ROOT))
 )
-def test_the_commands_of_the_page_work_in_their_order(page, demo):
-    folder, environment = demo
+def test_the_commands_of_the_page_work_in_their_order(page, environment, tmp_path):
     for language, more, text in blocks(page):
         if language in RUN and not more:
             done = subprocess.run(
                 [*RUN[language], text.replace("http://127.0.0.1:8000", environment["THERMAP_URL"])],
-                cwd=folder, env=environment, capture_output=True, text=True,
+                cwd=tmp_path, env=environment, capture_output=True, text=True,
                 timeout=PATIENCE_S, stdin=subprocess.DEVNULL,
             )  # fmt: skip
             assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
         elif more and more != "not-run":
-            (folder / more).write_text(text, encoding="utf-8")
+            (tmp_path / more).write_text(text, encoding="utf-8")
