@@ -16,7 +16,7 @@ from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
 from app.effects.supposition import Supposed
 from app.effects.term import Term
-from app.search.candidate import Candidate, Expected, Flexible, Layout, Part
+from app.search.candidate import Candidate, Flexible, Layout, Part, Traits
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""
@@ -89,29 +89,19 @@ class Reported(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class Hypothesis(Traits):
     """One effect before it is fitted.
 
     Parameters
     ----------
     unit_terms
         Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
-    is_trending
-        Whether it must also hold forward in time.
-    is_standing
-        Whether it is the same at all times.
-    keeps_zero
-        Of what is trending: whether no instrument whose zero walks can do the same.
-    is_of_setups
-        Whether it is what set-ups themselves do, and no machine.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
     adopted_terms
         Makes the terms of what was found where `unit_terms` are only its linear part.
     supposed
         Of a mistake in the data, instead of `unit_terms`: what it would leave in every row.
-    expected
-        What its one amplitude is, where that is known beforehand.
     follows
         Which sensors its amplitudes answer, each by itself: to 1, or to −1 where it is subtracted.
     apart
@@ -127,16 +117,9 @@ class Hypothesis:
     states: tuple[str, ...] = ()
     variant: str = ""
     nonlinear: Nonlinear | None = None
-    is_trending: bool = False
-    is_standing: bool = False
-    keeps_zero: bool = False
-    is_within_visit: bool = False
-    is_of_setups: bool = False
-    is_only_once: bool = False
     report: Callable[[Estimate], Reported] | None = None
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
     supposed: Supposed | None = None
-    expected: Expected | None = None
     follows: Mapping[str, int] = field(default_factory=dict)
     apart: Sequence[Supposed] = ()
 
@@ -167,17 +150,10 @@ class Hypothesis:
             grid=nonlinear.grid if nonlinear else (),
             bounds=nonlinear.bounds if nonlinear else None,
             log_scale=nonlinear.log_scale if nonlinear else True,
-            trending=self.is_trending,
-            standing=self.is_standing,
-            keeps_zero=self.keeps_zero,
-            within_visit=self.is_within_visit,
-            of_setups=self.is_of_setups,
-            only_once=self.is_only_once,
             layout=None
             if self.supposed
             else Layout(self.components, self.unit_terms, projection.parts),
             about=partial(self._about, projection) if self._is_bent else None,
-            expected=self.expected,
             flexible=None if self.supposed else partial(self._flexible, projection),
             apart=self._apart(projection) if self.apart else None,
             follows={
@@ -185,6 +161,7 @@ class Hypothesis:
                 for code in self.components
                 for sensor, sign in self.follows.items()
             },
+            **self.traits,
         )
 
     @property

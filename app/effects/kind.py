@@ -153,8 +153,7 @@ class EffectKind(ABC):
             return Proposals(not_testable=[NotTested(self.kind, "", lacking[0])])
         found = self.propose(view)
         hypotheses = [
-            replace(h, is_only_once=self.only_once, is_trending=self.trending)
-            for h in found.hypotheses
+            replace(h, only_once=self.only_once, trending=self.trending) for h in found.hypotheses
         ]
         return Proposals(hypotheses, found.not_testable)
 

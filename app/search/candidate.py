@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -106,23 +106,12 @@ class Form(NamedTuple):
     candidate: Candidate
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One effect that the residuals may hold.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Traits:
+    """What is to be known of an effect beside what it does to the rows.
 
     Parameters
     ----------
-    family
-        What it competes within: the prior is spread evenly inside a family.
-    columns
-        Gives its parts for a value of the nonlinear parameter. Several channels make a
-        fingerprint: the same amplitudes act on all of them.
-    grid
-        Values of the nonlinear parameter that are scanned, increasing; empty: none.
-    bounds
-        Where the parameter may be refined to; without bounds it stays on the grid.
-    log_scale
-        Whether the refinement steps in the parameter's logarithm.
     trending
         Whether it must also hold forward in time: a drift, a step.
     standing
@@ -138,6 +127,42 @@ class Candidate:
         same, and is no rival.
     only_once
         Whether one place has it once at most: a second one imitates something unknown.
+    expected
+        What its one amplitude is, where that is known beforehand: it then costs no parameter,
+        and an estimate that differs is evidence against the candidate.
+    """
+
+    trending: bool = False
+    standing: bool = False
+    keeps_zero: bool = False
+    within_visit: bool = False
+    of_setups: bool = False
+    only_once: bool = False
+    expected: Expected | None = None
+
+    @property
+    def traits(self) -> dict[str, Any]:
+        """All of them by name."""
+        return {one.name: getattr(self, one.name) for one in fields(Traits)}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate(Traits):
+    """One effect that the residuals may hold.
+
+    Parameters
+    ----------
+    family
+        What it competes within: the prior is spread evenly inside a family.
+    columns
+        Gives its parts for a value of the nonlinear parameter. Several channels make a
+        fingerprint: the same amplitudes act on all of them.
+    grid
+        Values of the nonlinear parameter that are scanned, increasing; empty: none.
+    bounds
+        Where the parameter may be refined to; without bounds it stays on the grid.
+    log_scale
+        Whether the refinement steps in the parameter's logarithm.
     generic
         Whether it is a smooth shape without a physical meaning: it is never found, but
         says that something is left.
@@ -146,9 +171,6 @@ class Candidate:
     about
         Of an effect that is not proportional to its one amplitude: its parts for each unit, where
         the amplitude is about as large as stated. `columns` are its parts where it is small.
-    expected
-        What its one amplitude is, where that is known beforehand: it then costs no parameter,
-        and an estimate that differs is evidence against the candidate.
     flexible
         Gives, for a value of the nonlinear parameter, what would be added if the candidate were
         only roughly right; None: it is not known.
@@ -171,16 +193,9 @@ class Candidate:
     grid: tuple[float, ...] = ()
     bounds: tuple[float, float] | None = None
     log_scale: bool = True
-    trending: bool = False
-    standing: bool = False
-    keeps_zero: bool = False
-    within_visit: bool = False
-    of_setups: bool = False
-    only_once: bool = False
     generic: bool = False
     layout: Layout | None = None
     about: Callable[[float | None, float], Sequence[Part]] | None = None
-    expected: Expected | None = None
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
     forms: tuple[Form, ...] = ()
     apart: Candidate | None = None

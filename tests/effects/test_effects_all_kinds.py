@@ -276,7 +276,7 @@ def test_keys_are_unique_and_flags_follow_the_kind():
     proposals = [h for kind in KINDS.values() for h in kind.candidates(example()).hypotheses]
     assert len({h.key for h in proposals}) == len(proposals)
     for h in proposals:
-        assert h.is_trending == KINDS[h.kind].trending
+        assert h.trending == KINDS[h.kind].trending
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
@@ -298,7 +298,7 @@ def test_what_tilts_all_set_ups_alike_is_known_to_stand_still():
         if h.kind in ("outdated-map", "nonrigid-slope", "angular") and not h.sensors
     ]
     assert {h.kind for h in constant} == {"outdated-map", "nonrigid-slope", "angular"}
-    assert all(h.is_standing for h in constant)
+    assert all(h.standing for h in constant)
     warm = [h for h in hypotheses().values() if h.kind == "nonrigid-slope" and h.sensors]
     assert warm
-    assert not any(h.is_standing for h in warm)
+    assert not any(h.standing for h in warm)

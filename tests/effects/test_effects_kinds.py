@@ -34,7 +34,7 @@ def test_points_are_needed(kind):
 
 def test_one_visit_shows_only_what_acts_within_it():
     where = example_view(verifications=observations()[:1])
-    found = {h.kind for h in repertoire(where).hypotheses.values() if h.is_within_visit}
+    found = {h.kind for h in repertoire(where).hypotheses.values() if h.within_visit}
     assert {"backlash", "angular", "nonrigid-slope", "outdated-map"} <= found
     assert refused("periodic", where)["EXX"] == "needs at least 12 different positions, got 8"
     for kind in ("thermal-lag", "drift", "step", "sensor-fault", "temperature-curvature"):

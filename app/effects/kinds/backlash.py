@@ -78,5 +78,5 @@ def _hypothesis(code: str, rising: Rising | None) -> Hypothesis:
         unit_terms=lambda _: [[Term(code, Always(), s, is_reversing=True)] for s in shapes],
         # The amplitude is half of the reversal value.
         amplitudes=tuple(Amplitude(name, 2.0) for name in names),
-        is_within_visit=True,
+        within_visit=True,
     )

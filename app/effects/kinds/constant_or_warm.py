@@ -39,6 +39,6 @@ def constant_or_warm(
         sensors=() if sensor is None else (sensor,),
         unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
         amplitudes=amplitudes_of(shapes, name),
-        is_standing=sensor is None,
-        is_within_visit=sensor is None,
+        standing=sensor is None,
+        within_visit=sensor is None,
     )

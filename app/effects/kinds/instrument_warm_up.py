@@ -141,8 +141,8 @@ def _hypothesis(code: str, longest_s: float) -> Hypothesis:
         nonlinear=_nonlinear(),
         report=partial(_reported, code, longest_s),
         supposed=partial(_supposed, code, longest_s),
-        is_within_visit=True,
-        is_of_setups=True,
+        within_visit=True,
+        of_setups=True,
     )
 
 

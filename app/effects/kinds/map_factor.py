@@ -198,7 +198,7 @@ def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypot
         supposed=partial(_supposed, codes, label),
         expected=_expected(view, codes, label),
         report=_reported,
-        is_within_visit=any(COMPONENTS[code].is_table for code in codes),
+        within_visit=any(COMPONENTS[code].is_table for code in codes),
     )
 
 

@@ -109,7 +109,7 @@ def _hypothesis(variant: str, codes: tuple[str, ...], mirror: _Mirror) -> Hypoth
         amplitudes=(Amplitude("share"),),
         supposed=partial(_supposed, mirror),
         expected=WHOLE,
-        is_within_visit=True,
+        within_visit=True,
     )
 
 

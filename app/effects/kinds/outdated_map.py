@@ -125,8 +125,8 @@ def _hypothesis(code: str, form: Form) -> Hypothesis:
         components=(code,),
         unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in form.shapes],
         amplitudes=form.amplitudes,
-        is_standing=True,
-        is_within_visit=form.name not in (SHIFT, LINE),
+        standing=True,
+        within_visit=form.name not in (SHIFT, LINE),
     )
 
 

@@ -189,7 +189,7 @@ def _hypothesis(code: str, grid: tuple[float, ...]) -> Hypothesis:
         unit_terms=partial(_terms, code),
         amplitudes=(Amplitude(f"sine_{unit}"), Amplitude(f"cosine_{unit}")),
         nonlinear=nonlinear,
-        is_within_visit=True,
+        within_visit=True,
         report=partial(_report, nonlinear, f"amplitude_{unit}"),
     )
 

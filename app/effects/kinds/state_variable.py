@@ -118,7 +118,7 @@ def _hypothesis(
         nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (SHORTEST_LAG_S, grid[-1]))
         if grid
         else None,
-        is_within_visit=not grid,
+        within_visit=not grid,
     )
 
 

@@ -97,7 +97,7 @@ def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesi
         adopted_terms=no_terms,
         amplitudes=(Amplitude(LONGER),),
         supposed=partial(_supposed, rows),
-        is_within_visit=True,
+        within_visit=True,
     )
 
 

@@ -311,7 +311,7 @@ def _suggestions(
             k: after[k].smallest / seen[k].smallest
             for k in seen
             # When a visit is added in the record says nothing about when it will be made.
-            if k in after and not limits.hypotheses[k].is_trending
+            if k in after and not limits.hypotheses[k].trending
         }
         best = _different(limits, sorted(shares, key=shares.__getitem__))
         helped = [
