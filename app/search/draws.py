@@ -22,7 +22,7 @@ SEED_MODULUS: Final = 2**32
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class DrawnMoments:
     """Draws of the values in one channel, whose likelihood is asked for.
 
     Parameters
@@ -59,7 +59,7 @@ class Draws:
     """How set-ups resemble each other; None: each is made anew."""
     _moments: dict[int, tuple[Moments, FloatArray]] = field(default_factory=dict)
     _noise: dict[int, NDArray[np.float32]] = field(default_factory=dict)
-    _responses: dict[State, Response] = field(default_factory=dict, init=False)
+    _responses: dict[State, DrawnMoments] = field(default_factory=dict, init=False)
 
     def with_alike(self, alike: Alike) -> Draws:
         """Draw the same with set-ups that resemble each other."""
@@ -95,7 +95,7 @@ class Draws:
         found: NDArray[np.float32] = short.T @ self.noise(fixed)
         return found
 
-    def response(self, state: State) -> Response:
+    def response(self, state: State) -> DrawnMoments:
         """Give the draws of a channel; several scans ask for those of the same state."""
         if state not in self._responses:
             self._responses[state] = self._response(state)
@@ -105,7 +105,7 @@ class Draws:
         """Give the set of visit variances that each draw of `response` comes from, shape (B,)."""
         return self._levels(state, self._random(state))
 
-    def response_at(self, state: State, level: IntArray) -> Response:
+    def response_at(self, state: State, level: IntArray) -> DrawnMoments:
         """Give draws of a channel from stated sets of visit variances, of its own scale.
 
         Parameters
@@ -118,7 +118,7 @@ class Draws:
     def _random(self, state: State) -> np.random.Generator:
         return np.random.default_rng([self.seed, 1, state.fixed.channel.number % SEED_MODULUS])
 
-    def _response(self, state: State) -> Response:
+    def _response(self, state: State) -> DrawnMoments:
         random = self._random(state)
         level = self._levels(state, random)
         return self._made(state, level, np.sqrt(state.scatter(state.rss))[level], random)
@@ -140,7 +140,7 @@ class Draws:
 
     def _made(
         self, state: State, level: IntArray, size: FloatArray, random: np.random.Generator
-    ) -> Response:
+    ) -> DrawnMoments:
         """Scale the unit draws to sets of visit variances and repeatabilities."""
         fixed, channel = state.fixed, state.fixed.channel
         shape = (len(channel.starts), channel.shapes.shape[1], self.count)
@@ -169,7 +169,7 @@ class Draws:
 
     def _combined(
         self, state: State, fixed: Fixed, shift: FloatArray, maps: FloatArray, size: FloatArray
-    ) -> Response:
+    ) -> DrawnMoments:
         noise, square = self._noise_moments(fixed)
         channel = fixed.channel
         own, crossed = fixed.nuisance.nuisance.sum(axis=0), fixed.nuisance.reduced
@@ -192,7 +192,9 @@ class Draws:
             lower = columns.T @ self.noise(fixed) + given.nuisance.sum(axis=0) @ maps
             lower += np.einsum("bqg,bqm->gm", given.reduced, shift)
             with_nuisance = np.vstack([with_nuisance, lower])
-        return Response(with_nuisance * size, reduced * size, squares * size**2, shift, maps, size)
+        return DrawnMoments(
+            with_nuisance * size, reduced * size, squares * size**2, shift, maps, size
+        )
 
     def _noise_moments(self, fixed: Fixed) -> tuple[Moments, FloatArray]:
         number = fixed.channel.number

@@ -103,7 +103,7 @@ def typical_level(states: Mapping[int, State]) -> dict[int, int]:
     return found
 
 
-class _Expected(NamedTuple):
+class _NoiseFloor(NamedTuple):
     """What repeatability and set-up alone leave, in scales squared.
 
     Parameters
@@ -123,7 +123,7 @@ class _Expected(NamedTuple):
         return np.asarray(self.scatter * np.sum(shifts_and_tilts, axis=1))
 
 
-def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _Expected:
+def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _NoiseFloor:
     declared = problem.rows.noise.get(channel.number)
     variances = channel.blocks.own_variances(channel.tried[typical])
     # Beside a stated repeatability the fitted one may hide what is unexplained.
@@ -131,12 +131,12 @@ def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _Ex
     scatter = 1.0 if stated else fit.scatter[channel.number]
     least = declared.rounding / channel.scale if declared is not None else 0.0
     scatter = max(scatter, least**2)
-    return _Expected(scatter, variances)
+    return _NoiseFloor(scatter, variances)
 
 
 def _apart_from_one(
     channel: Channel,
-    expected: _Expected,
+    expected: _NoiseFloor,
     left: FloatArray,
     seen: BoolArray,
     open_still: FloatArray,

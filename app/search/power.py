@@ -22,7 +22,7 @@ from scipy.special import chdtri, ndtr
 
 from app.arrays import FloatArray, IntArray
 from app.search.base_grams import NOTHING_SEEN, BaseGrams
-from app.search.draws import Draws, Response
+from app.search.draws import DrawnMoments, Draws
 from app.search.joint_fit import inverse
 from app.search.state import State
 from app.search.threshold import BARTLETT, Threshold
@@ -153,7 +153,7 @@ class DrawnNoise:
         return found
 
 
-def _squares(state: State, response: Response) -> FloatArray:
+def _squares(state: State, response: DrawnMoments) -> FloatArray:
     """Give what each set of visit variances leaves of draws, shape (L, m)."""
     found = np.empty((len(state.rss), len(response.square)))
     for some in state.levels:

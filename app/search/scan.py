@@ -15,7 +15,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.base_grams import BaseGrams
-from app.search.draws import Draws, Response
+from app.search.draws import DrawnMoments, Draws
 from app.search.library import Batch, Library
 from app.search.moments import blocks
 from app.search.small_inverse import inverse_roots, solutions
@@ -92,7 +92,7 @@ class Target:
     on_visits: FloatArray
     on_nuisance: FloatArray
     of_given: tuple[FloatArray, FloatArray]
-    draws: Response | None
+    draws: DrawnMoments | None
 
     @cached_property
     def null(self) -> tuple[FloatArray, IntArray]:
@@ -184,7 +184,7 @@ def _weighed(
     levels: Sequence[Levels],
     shadows: Sequence[FloatArray],
     squares: FloatArray,
-    draws: Response | None,
+    draws: DrawnMoments | None,
 ) -> Target:
     """Put the weights of all levels side by side, in the order of their numbers."""
     which = np.concatenate([some.which for some in levels])

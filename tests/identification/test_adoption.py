@@ -30,7 +30,7 @@ from app.identification.analysis.adoption import (
 )
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.finished_search import FinishedSearch
-from app.identification.analysis.unseen_part import Expected
+from app.identification.analysis.unseen_part import Shrunk
 from app.search.findings import (
     ChannelNoise,
     Figure,
@@ -133,7 +133,7 @@ def stated_search(
             return mapped_s
 
         def expected_of(self, term):
-            return Expected(term.amplitudes, term.covariance, is_mostly_hidden=hides_most)
+            return Shrunk(term.amplitudes, term.covariance, is_mostly_hidden=hides_most)
 
         def is_slowest(self, term):
             return is_slowest

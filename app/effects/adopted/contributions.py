@@ -88,7 +88,9 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     n = len(projection.rows)
     aside = set_faulty_aside(projection.model, effects, projection.conditions)
     parts = [
-        _Part(number, term, projection.view(term.component), *_evaluated(projection, term, effect))
+        _TermInRows(
+            number, term, projection.view(term.component), *_evaluated(projection, term, effect)
+        )
         for number, effect in enumerate(effects)
         for term in effect.terms
     ]
@@ -121,7 +123,7 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     return Contributions(errors, use.is_lacking, missing, is_held, tuple(held), status, beyond)
 
 
-class _Part(NamedTuple):
+class _TermInRows(NamedTuple):
     """One term in the rows in which it shows: as weights of maps, or as numbers.
 
     `one_each` has a number for each of the rows that is not finite where a condition is missing.
@@ -152,7 +154,7 @@ class _Use:
         self.takes_part[number][rows] = False
 
 
-def _leave_out_unknown(projection: Projection, parts: Sequence[_Part], use: _Use) -> None:
+def _leave_out_unknown(projection: Projection, parts: Sequence[_TermInRows], use: _Use) -> None:
     """Leave each effect out, with all of its terms, where one of its conditions is not known."""
     for number, takes_part in enumerate(use.takes_part):
         own = [part for part in parts if part.number == number]
@@ -167,7 +169,7 @@ def _leave_out_unknown(projection: Projection, parts: Sequence[_Part], use: _Use
 
 
 def _plain_weights(
-    model: CompiledModel, of_maps: Mapping[str, Sequence[_Part]], conditions: Conditions
+    model: CompiledModel, of_maps: Mapping[str, Sequence[_TermInRows]], conditions: Conditions
 ) -> dict[str, FloatArray]:
     """Give how much of each map enters components without effects, shape (m, M) each."""
     found = {}
@@ -188,9 +190,9 @@ def _evaluated(
     return None, term.at(projection.model, view.places, view.conditions, effect.valid)
 
 
-def _by_component(parts: Iterable[_Part]) -> dict[str, list[_Part]]:
+def _by_component(parts: Iterable[_TermInRows]) -> dict[str, list[_TermInRows]]:
     """Put the parts that change how much of each map enters together."""
-    found: dict[str, list[_Part]] = defaultdict(list)
+    found: dict[str, list[_TermInRows]] = defaultdict(list)
     for part in parts:
         if part.reading is not None:
             found[part.term.component].append(part)
@@ -204,7 +206,7 @@ def _found(model: CompiledModel, code: str) -> tuple[Group, Member]:
 
 
 def _with_readings(
-    plain: FloatArray, parts: Iterable[_Part], takes_part: Sequence[BoolArray]
+    plain: FloatArray, parts: Iterable[_TermInRows], takes_part: Sequence[BoolArray]
 ) -> FloatArray:
     """Add up how much of each map enters one component with its effects, shape (m, M)."""
     weights = plain
@@ -217,7 +219,7 @@ def _with_readings(
 
 def _without_common_range(
     model: CompiledModel,
-    of_maps: Mapping[str, Sequence[_Part]],
+    of_maps: Mapping[str, Sequence[_TermInRows]],
     plain: Mapping[str, FloatArray],
     takes_part: Sequence[BoolArray],
 ) -> dict[int, IntArray]:
@@ -253,7 +255,7 @@ def _said(
 
 
 def _statuses(
-    model: CompiledModel, parts: Iterable[_Part], takes_part: Sequence[BoolArray], n: int
+    model: CompiledModel, parts: Iterable[_TermInRows], takes_part: Sequence[BoolArray], n: int
 ) -> tuple[StatusArray, list[ReadBeyondMaps]]:
     """Say the gravest of the temperatures at which effects read the maps, and which are outside."""
     status = np.full(n, Status.AT_MAP, dtype=object)

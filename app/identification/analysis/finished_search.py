@@ -18,7 +18,7 @@ from app.effects.kind import OverTime
 from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
-from app.identification.analysis.unseen_part import Expected, with_expected
+from app.identification.analysis.unseen_part import Shrunk, with_expected
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import Findings, FoundTerm, Status
 from app.search.rows import Nuisance, Rows
@@ -185,11 +185,11 @@ class FinishedSearch:
         valid = limited_in_time(effect.valid, found, goes_on=self.goes_on(term))
         return replace(effect, valid=valid)
 
-    def expected_of(self, term: FoundTerm) -> Expected:
+    def expected_of(self, term: FoundTerm) -> Shrunk:
         """Give a term's amplitudes with what is expected of that which zeros of set-ups hide."""
         hypothesis = self.hypotheses[term.key]
         if hypothesis.supposed is not None:
-            return Expected(term.amplitudes, term.covariance)
+            return Shrunk(term.amplitudes, term.covariance)
         return with_expected(
             term.amplitudes,
             term.covariance,

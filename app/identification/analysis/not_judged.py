@@ -73,7 +73,7 @@ class TooLarge(NamedTuple):
         return f"{told}repeatability and maps explain {expected}"
 
 
-class _Scatter(NamedTuple):
+class _RowScatter(NamedTuple):
     """How far one observation of a channel scatters, and what that is worth."""
 
     value: float
@@ -194,7 +194,7 @@ def _is_without_scatter(found: FinishedSearch, channel: int) -> bool:
 
 def _scatters(
     found: FinishedSearch, values: FloatArray, of_maps: FloatArray
-) -> dict[int, _Scatter]:
+) -> dict[int, _RowScatter]:
     """Say how far one observation of each channel scatters.
 
     Where a shift and a tilt of each set-up leave nothing over that would show it, the search took
@@ -218,7 +218,7 @@ def _scatters(
             continue
         known = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
         spare = len(numbers) - np.unique(rows.visit[numbers]).size
-        shown[c] = _Scatter(noise.fitted, max(known + spare, 1.0), is_shown=True)
+        shown[c] = _RowScatter(noise.fitted, max(known + spare, 1.0), is_shown=True)
         if (uncertain := float(np.mean(of_maps[numbers]))) > 0.0:
             times.append(noise.fitted / np.sqrt(uncertain))
     for c in own.keys() - shown.keys():
@@ -230,7 +230,7 @@ def _scatters(
             freedom = ESTIMATED_WEIGHT
         else:
             size, freedom = 0.0, 0.0
-        shown[c] = _Scatter(size, freedom, is_shown=False)
+        shown[c] = _RowScatter(size, freedom, is_shown=False)
     return shown
 
 

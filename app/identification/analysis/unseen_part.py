@@ -30,7 +30,7 @@ HARDLY: Final = 0.5
 """What is hidden is hardly known by a standard error above this share of what is seen."""
 
 
-class Expected(NamedTuple):
+class Shrunk(NamedTuple):
     """Amplitudes with what is expected of their hidden part.
 
     Parameters
@@ -56,7 +56,7 @@ def with_expected(
     rows: Rows,
     use: BoolArray,
     noise: Mapping[int, float],
-) -> Expected:
+) -> Shrunk:
     """Weigh what was estimated against what is expected of its hidden part.
 
     Parameters
@@ -75,13 +75,13 @@ def with_expected(
     size = float(amplitudes @ seen @ amplitudes)
     is_mostly_hidden = bool(amplitudes @ hidden @ amplitudes > size)
     if amplitudes.size < 2 or size <= 0.0 or not hidden.any():
-        return Expected(amplitudes, covariance, is_mostly_hidden=is_mostly_hidden)
+        return Shrunk(amplitudes, covariance, is_mostly_hidden=is_mostly_hidden)
     precision = hidden / (EXPECTED**2 * size)
     # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
     weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
     left = weight @ covariance
     unknown = float(np.trace(left @ hidden))
-    return Expected(
+    return Shrunk(
         weight @ amplitudes,
         (left + left.T) / 2.0,
         is_hardly_known=unknown > HARDLY**2 * size,

@@ -69,11 +69,11 @@ class Track:
         nothing = (0.0,) * PAIRS
         return cls((mean,) * PAIRS, nothing, (variance,) * PAIRS, nothing, nothing)
 
-    def foretell(self, repeatability: float, is_first: bool) -> State:
+    def foretell(self, repeatability: float, is_first: bool) -> SetUpState:
         """Go on to the next visit's set-up."""
         rho = np.zeros(PAIRS) if is_first else _CORRELATION
         own = (_SCATTER * repeatability) ** 2
-        return State(
+        return SetUpState(
             np.array([self.constants, rho * self.setups]),
             np.array(self.of_constants),
             rho * self.of_both,
@@ -82,7 +82,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class State:
+class SetUpState:
     """The same as arrays, before a visit's number is taken: shapes (2, pairs) and (pairs,)."""
 
     means: FloatArray
@@ -99,26 +99,26 @@ class State:
         """Say how far a number is from what was foretold."""
         return np.asarray(value - self.means.sum(axis=0))
 
-    def with_change(self, variance: float) -> State:
+    def with_change(self, variance: float) -> SetUpState:
         """Let the constant have changed."""
-        return State(self.means, self.of_constant + variance, self.of_both, self.of_setup)
+        return SetUpState(self.means, self.of_constant + variance, self.of_both, self.of_setup)
 
-    def after(self, value: float, scatter: float) -> State:
+    def after(self, value: float, scatter: float) -> SetUpState:
         """Take a number with that variance of its own."""
         both = np.array([self.of_constant + self.of_both, self.of_both + self.of_setup])
         gain = both / (self.variance + scatter)
-        return State(
+        return SetUpState(
             self.means + gain * self.away(value),
             self.of_constant - gain[0] * both[0],
             self.of_both - gain[0] * both[1],
             self.of_setup - gain[1] * both[1],
         )
 
-    def mixed(self, other: State, share: FloatArray) -> State:
+    def mixed(self, other: SetUpState, share: FloatArray) -> SetUpState:
         """Merge with another state, which has that share, into one of the same two moments."""
         apart = other.means - self.means
         spread = share * (1.0 - share)
-        return State(
+        return SetUpState(
             self.means + share * apart,
             (1 - share) * self.of_constant + share * other.of_constant + spread * apart[0] ** 2,
             (1 - share) * self.of_both + share * other.of_both + spread * apart[0] * apart[1],
@@ -144,13 +144,13 @@ def scatter_of_setups(likelihoods: FloatArray) -> float:
 
 
 def learn(
-    state: State, value: float, scatter: float, repeatability: float
-) -> tuple[State, FloatArray]:
+    state: SetUpState, value: float, scatter: float, repeatability: float
+) -> tuple[SetUpState, FloatArray]:
     """Take a number where the constant may have changed since the visit before.
 
     Returns
     -------
-    state : State
+    state : SetUpState
     log_likelihood : ndarray, shape (pairs,)
     """
     changed = state.with_change((CHANGED_BY * repeatability) ** 2)
