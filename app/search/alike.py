@@ -18,8 +18,8 @@ from scipy.special import logsumexp
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.levels import Fits, fitted
+from app.search.scatter import FEWEST_SETUPS
 
-FEWEST_LEVELS: Final = 4
 MOST_LEVELS: Final = 50
 """Neighbouring set-ups are taken together where there are more: only what lasts matters."""
 
@@ -217,7 +217,7 @@ def _evidence(
 ) -> float | None:
     """Say how much speaks for one part, its levels being seen along a course."""
     levels = _levels(left + part, course, visit)
-    if len(levels) < FEWEST_LEVELS:
+    if len(levels) < FEWEST_SETUPS:
         return None
     fits = [_fits(levels, m) for m in MEMORIES]
     common, nothing = (

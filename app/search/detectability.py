@@ -17,9 +17,9 @@ from app.search.findings import Detectable
 from app.search.joint_fit import inverse
 from app.search.library import Batch, Library, read_library
 from app.search.moments import blocks, moments_of
+from app.search.names import STRONG
 from app.search.power import as_assumed, drawn_noise, noncentralities
 from app.search.problem import Problem
-from app.search.rivals import TIED_BELOW
 from app.search.scan import scan
 from app.search.selection import penalties
 from app.search.small_inverse import inverse_roots
@@ -29,8 +29,8 @@ from app.search.threshold import Threshold, threshold
 POWER: Final = 1.2816
 """Standard normal quantile of nine times in ten."""
 
-TELLING_APART: Final = (POWER + float(np.sqrt(POWER**2 + TIED_BELOW))) ** 2
-"""Expected evidence between two explanations that exceeds TIED_BELOW nine times in ten."""
+TELLING_APART: Final = (POWER + float(np.sqrt(POWER**2 + STRONG))) ** 2
+"""Expected evidence between two explanations that exceeds STRONG nine times in ten."""
 
 SAME: Final = 1e-6
 """If less than this of an effect is its own, nothing tells it from its rival."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,3 +50,22 @@ def fitted(level: FloatArray, design: FloatArray, covariances: FloatArray) -> Fi
         sizes[..., 0],
         np.linalg.inv(information),
     )
+
+
+def expected_beside(others: Sequence[FloatArray], alone: FloatArray) -> FloatArray:
+    """Say how probable scatters of one channel are by what other channels show of theirs.
+
+    One instrument and one room make them alike, unless this channel is unlike all others: of n
+    others that is as probable as one in n + 2 (Laplace's rule of succession).
+
+    Parameters
+    ----------
+    others
+        How probable each of n other channels makes each scatter, shape (g,).
+    alone : ndarray, shape (g,)
+        How probable they are where nothing is known.
+    """
+    if not others:
+        return alone
+    odd = 1.0 / (len(others) + 2)
+    return np.asarray((1.0 - odd) * np.mean(others, axis=0) + odd * alone)

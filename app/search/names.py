@@ -26,8 +26,8 @@ from app.search.threshold import threshold
 from app.search.walk import may_be_walk, walk_seen
 
 STRONG: Final = 6.0
-"""2 ln of a likelihood ratio from which evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90
-(1995) 773)."""
+"""2 ln of a likelihood ratio, or of a Bayes factor, from which evidence is strong, and below which
+two explanations are tied (Kass, Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
 
 SAME: Final = 1e-6
 """Share of a flexible version's size below which nothing of it is left beside the term."""

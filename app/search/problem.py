@@ -12,6 +12,7 @@ from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
 from app.search.channel import Channel, prepare
+from app.search.levels import expected_beside
 from app.search.moments import Fixed, Moments, fixed_of, moments_of
 from app.search.noise import at_least_rounding, repeatability
 from app.search.rows import Nuisance, Rows
@@ -237,8 +238,7 @@ def with_expected_wander(problem: Problem) -> Problem:
     for number, own in believed.items():
         others = [b for n, b in believed.items() if n != number and len(b) == len(own)]
         if len(others) >= FEWEST_OTHERS:
-            odd = 1.0 / (len(others) + 2)
-            expected = (1.0 - odd) * np.mean(others, axis=0) + odd / len(own)
+            expected = expected_beside(others, np.full(len(own), 1.0 / len(own)))
             informed = replace(fixed[number].channel, expected=expected)
             found[number] = replace(fixed[number], channel=informed)
     return replace(problem, fixed=found)

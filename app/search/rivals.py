@@ -1,7 +1,4 @@
-"""What else could explain a term: the best of every family, and whether the rows can tell.
-
-R. Kass, A. Raftery, J. Am. Stat. Assoc. 90 (1995) 773: what a Bayes factor is worth.
-"""
+"""What else could explain a term: the best of every family, and whether the rows can tell."""
 
 from __future__ import annotations
 
@@ -15,16 +12,13 @@ import numpy as np
 from app.arrays import FloatArray
 from app.search.findings import Rival
 from app.search.joint_fit import fit_terms, inverse, share_of
-from app.search.names import offset_of
+from app.search.names import STRONG, offset_of
 from app.search.problem import Term
 from app.search.refinement import refine
 from app.search.selection import GRID_MARGIN, GRID_SHARE, Selector, best_entries
 
-TIED_BELOW: Final = 6.0
-"""2 ln B below which evidence is hardly more than positive."""
-
 SAME_SIGNAL: Final = 0.95
-"""Share of a signal above which a rival is tied up to twice TIED_BELOW."""
+"""Share of a signal above which a rival is tied up to twice STRONG."""
 
 OF_A_FAMILY: Final = 3
 """Members of a family that are looked at closely."""
@@ -57,7 +51,7 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
         told = _rival(rival, behind, share)
         if not told.tied and share > SAME_SIGNAL and _may_both_be_zeros(term, rival):
             unlike = 2.0 * (level - selector.fit([*others, rival]).log_likelihood)
-            told = replace(told, tied=unlike < TIED_BELOW)
+            told = replace(told, tied=unlike < STRONG)
         found.append((told, rival))
     found = _with_offset(selector, term, others, own, found) + _forms(selector, term, others)
     same = term.candidate.family
@@ -173,7 +167,7 @@ def _with_offset(
         evidence = selector.evidence(rival, beside, level)
         behind = own - gain - evidence
         # Where the constant alone does it, whatever is tried beside it is no rival.
-        if behind < TIED_BELOW < evidence:
+        if behind < STRONG < evidence:
             share = alias_share(selector, term, rival, beside)
             told = Rival(
                 candidate.key, candidate.family, rival.theta, behind, share, True, with_offset=True
@@ -218,7 +212,7 @@ def _candidates(selector: Selector, term: Term, score: FloatArray, own: float) -
         if candidate is term.candidate:
             continue
         count = taken.get(candidate.family, 0)
-        close = score[entry] > own - 2 * TIED_BELOW - 0.2 * abs(own)
+        close = score[entry] > own - 2 * STRONG - 0.2 * abs(own)
         if count == 0 or (count < OF_A_FAMILY and close):
             taken[candidate.family] = count + 1
             chosen.append(entry)
@@ -233,7 +227,7 @@ def _rival(rival: Term, behind: float, share: float) -> Rival:
 def _is_tied(behind: float, share: float) -> bool:
     # Where the signals are almost one, 2 ln B rests on small differences between columns, which
     # a model that is a little wrong shifts as much: twice the evidence is asked for.
-    return behind < TIED_BELOW or (behind < 2 * TIED_BELOW and share > SAME_SIGNAL)
+    return behind < STRONG or (behind < 2 * STRONG and share > SAME_SIGNAL)
 
 
 def _best_of_families(found: list[tuple[Rival, Term]]) -> list[tuple[Rival, Term]]:

@@ -16,12 +16,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from app.arrays import FloatArray, IntArray
-from app.search.levels import Fits, fitted
+from app.search.levels import Fits, expected_beside, fitted
+from app.search.scatter import FEWEST_SETUPS
 
 CHANCE: Final = 0.002
 """How improbable the opposite sign of a trend must be, walks of every size considered."""
 
-FEWEST_LEVELS: Final = 4
 MOST_LEVELS: Final = 100
 """Neighbouring set-ups are taken together where there are more: only slow changes matter."""
 
@@ -52,7 +52,7 @@ def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
         Probabilities that add up to one. None: fewer than four set-ups say nothing.
     """
     levels = _levels(left, np.zeros(len(left)), visit)
-    if len(levels) < FEWEST_LEVELS:
+    if len(levels) < FEWEST_SETUPS:
         return None
     return _probable(_fits(levels, np.ones((len(levels), 1))).restricted)
 
@@ -96,14 +96,10 @@ def may_be_walk(
     True
     """
     levels = _levels(left, own, visit)
-    if len(levels) < FEWEST_LEVELS or np.ptp(levels[:, 1]) <= 0.0:
+    if len(levels) < FEWEST_SETUPS or np.ptp(levels[:, 1]) <= 0.0:
         return None
     fits = _fits(levels, np.column_stack([levels[:, 1], np.ones(len(levels))]))
-    odd = 1.0 / (len(others) + 2.0) if others else 1.0
-    expected = odd * AS_LIKELY_NONE
-    if others:
-        expected = expected + (1.0 - odd) * np.mean(others, axis=0)
-    weights = _probable(fits.restricted + np.log(expected))
+    weights = _probable(fits.restricted + np.log(expected_beside(others, AS_LIKELY_NONE)))
     surely = fits.sizes[:, 0] / np.sqrt(fits.covariance[:, 0, 0])
     return float(weights @ ndtr(-surely)) > CHANCE
 

@@ -24,10 +24,8 @@ from app.errors import InvalidContent, list_names
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import channel_unit
 from app.search.figures import RESAMPLED
+from app.search.scatter import FEWEST_BLOCKS
 from app.search.zeros import unknown_zeros, without_zeros
-
-FEWEST_SETUPS: Final = 8
-"""From fewer nobody knows how much they scatter."""
 
 CHANCE: Final = 0.05
 """Of all machines on which an effect is tried together, the chance that one of those that do not
@@ -156,8 +154,8 @@ def _judged(shown: _Shown, channel: IntArray, tried_together: int) -> TriedEffec
         unit, before, after = str(symbols[best]), rms(residuals), rms(left)
         return TriedEffect(verdict, reason, setups, unit, before, after, gain, share, interval)
 
-    if setups < FEWEST_SETUPS:
-        few = f"expected {FEWEST_SETUPS} set-ups in which it would show, got {setups}"
+    if setups < FEWEST_BLOCKS:
+        few = f"expected {FEWEST_BLOCKS} set-ups in which it would show, got {setups}"
         return told("cannot-be-told", few, None, None)
     interval = _interval(agree.astype(np.float64), full.astype(np.float64), tried_together)
     gain = _gain(residuals, left, shown.visit[own])

@@ -30,6 +30,7 @@ from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.figures import CheckFigures, WatchFigures, latest_residuals
 from app.identification.watch.lone_values import LoneValue, lone_values, lone_words
 from app.identification.watch.setups import PAIRS, Track, believed, learn, scatter_of_setups
+from app.search.channel import DECLARED_WEIGHT
 from app.search.common_scatter import side_of
 from app.search.rows import Datum, Rows
 from app.units import Unit
@@ -56,9 +57,6 @@ set-up scatter, which is only being learnt in the first visits: `tests/identific
 test_watching.py` counts the alarms of unchanged machines whose set-ups scatter up to six
 repeatabilities.
 """
-
-STATED_WEIGHT: Final = 20.0
-"""A stated repeatability counts as much as so many observations."""
 
 FEWEST_FREEDOM: Final = 8
 """Before so much is known of a component's scatter, nothing is said of it."""
@@ -185,7 +183,7 @@ class Noise:
             A stated standard deviation: it counts as much as so many observations.
         """
         if stated is not None:
-            return (self.squares + STATED_WEIGHT * stated**2) / (self.freedom + STATED_WEIGHT)
+            return (self.squares + DECLARED_WEIGHT * stated**2) / (self.freedom + DECLARED_WEIGHT)
         if self.freedom < FEWEST_FREEDOM:
             return None
         # A variance from few observations may be too small by chance: two sigma up.
