@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.claim import claim_of
+from app.effects.driver import Driver
 from app.effects.effect import Effect
 from app.effects.flexible import flexible_versions
 from app.effects.projection import Projection
+from app.effects.shape import Sensitivity
 from app.effects.supposition import Supposed
 from app.effects.term import Term
 from app.search.candidate import Candidate, Flexible, Layout, Part, Traits
@@ -261,6 +263,31 @@ def _in_series(unit_terms: Callable[[float | None], Amplitudes], theta: float | 
         ]
         for one, other in zip(first, second, strict=True)
     ]
+
+
+def moved_temperature(
+    codes: Sequence[str], driver: Callable[[float | None, float], Driver]
+) -> dict[str, Any]:
+    """Read components' maps at a temperature that is moved: `unit_terms` and `adopted_terms`.
+
+    The search takes the linear part, the maps' slopes; what is found and adopted moves the
+    temperature itself.
+
+    Parameters
+    ----------
+    driver
+        Gives by how much [K], for a value of the nonlinear parameter and an amplitude.
+    """
+
+    def linear(theta: float | None) -> Amplitudes:
+        by_k = driver(theta, 1.0)
+        return [[Term(code, by_k, Sensitivity(is_local=True)) for code in codes]]
+
+    def whole(estimate: Estimate) -> Sequence[Term]:
+        by_k = driver(estimate.theta, float(estimate.coefficients[0]))
+        return [Term(code, by_k, Sensitivity(is_local=False)) for code in codes]
+
+    return {"unit_terms": linear, "adopted_terms": whole}
 
 
 def no_terms(of: object) -> tuple[()]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import ClassVar
 
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import SinceReference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
+from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
 from app.effects.kind import DrawnOver, EffectKind, Need, OverTime, Proposals
 from app.effects.kinds.drift import beginnings_s
 from app.effects.shape import Sensitivity
-from app.effects.term import Term
 from app.effects.words import components
 from app.units import plus_minus
 
@@ -73,17 +71,6 @@ def _hypothesis(sensor: str, codes: tuple[str, ...], variant: str, since_s: floa
         variant=variant,
         components=codes,
         sensors=(sensor,),
-        unit_terms=partial(_terms, codes, since_s),
-        adopted_terms=partial(_moved, codes, since_s),
         amplitudes=(Amplitude("bias_k_per_day", -1.0),),
+        **moved_temperature(codes, lambda _, k_per_day: SinceReference(since_s, k_per_day)),
     )
-
-
-def _terms(codes: tuple[str, ...], since_s: float, theta: float | None) -> Amplitudes:
-    return [[Term(code, SinceReference(since_s), Sensitivity(is_local=True)) for code in codes]]
-
-
-def _moved(codes: tuple[str, ...], since_s: float, estimate: Estimate) -> list[Term]:
-    """Move the temperature itself, by minus the bias."""
-    driver = SinceReference(since_s, height=float(estimate.coefficients[0]))
-    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Difference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis, Reported
+from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported, moved_temperature
 from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Need, Proposals
-from app.effects.shape import Sensitivity
-from app.effects.term import Term
 from app.effects.words import components, parameter
 from app.search.candidate import Expected
 
@@ -81,23 +78,13 @@ def _hypothesis(sensor: str, around: str, codes: tuple[str, ...]) -> Hypothesis:
         kind=DetachedSensor.kind,
         components=codes,
         sensors=(sensor, around),
-        unit_terms=partial(_terms, sensor, around, codes),
-        adopted_terms=partial(_moved, sensor, around, codes),
         amplitudes=(Amplitude("share"),),
         expected=BETWEEN,
         report=_reported,
+        **moved_temperature(
+            codes, lambda _, times: Difference(sensor, around, reference_k=0.0, height=times)
+        ),
     )
-
-
-def _terms(sensor: str, around: str, codes: tuple[str, ...], theta: float | None) -> Amplitudes:
-    driver = Difference(sensor, around, reference_k=0.0)
-    return [[Term(code, driver, Sensitivity(is_local=True)) for code in codes]]
-
-
-def _moved(sensor: str, around: str, codes: tuple[str, ...], estimate: Estimate) -> list[Term]:
-    """Move the temperature to that of the body."""
-    driver = Difference(sensor, around, reference_k=0.0, height=float(estimate.coefficients[0]))
-    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]
 
 
 def _reported(estimate: Estimate) -> Reported:

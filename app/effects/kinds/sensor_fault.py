@@ -6,17 +6,15 @@ readings themselves (`app.identification.analysis.reading_faults`), which are le
 
 from __future__ import annotations
 
-from functools import partial
 from typing import ClassVar, Final
 
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis
+from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
 from app.effects.kinds.step import NONE_BEFORE, times_after_first
 from app.effects.shape import Sensitivity
-from app.effects.term import Term
 from app.effects.words import components, parameter
 from app.units import date_text
 
@@ -61,12 +59,13 @@ class SensorFault(EffectKind):
                     variant=BIAS,
                     components=codes,
                     sensors=(sensor,),
-                    unit_terms=partial(_terms, codes),
                     amplitudes=(Amplitude("bias_k", -1.0),),
                     nonlinear=nonlinear,
                     # One component by itself moves as an instrument does whose zero walks.
                     keeps_zero=len(codes) > 1,
-                    adopted_terms=partial(_moved, codes),
+                    **moved_temperature(
+                        codes, lambda theta, bias_k: StepAfter(float(theta or 0.0), bias_k)
+                    ),
                 )
             )
         return found
@@ -97,15 +96,3 @@ def _of_readings(effect: Effect) -> str:
         f"{sensor} has jumped by {abs(parameters['spike_k']):.1f} K in {parameters['share']:.1%} "
         f"of its readings since {since}"
     )
-
-
-def _terms(codes: tuple[str, ...], theta: float | None) -> Amplitudes:
-    driver = StepAfter(float(theta or 0.0))
-    return [[Term(code, driver, Sensitivity(is_local=True)) for code in codes]]
-
-
-def _moved(codes: tuple[str, ...], estimate: Estimate) -> list[Term]:
-    """Move the temperature itself, by minus the bias."""
-    (minus_bias_k,) = estimate.coefficients
-    driver = StepAfter(float(estimate.theta or 0.0), height=float(minus_bias_k))
-    return [Term(code, driver, Sensitivity(is_local=False)) for code in codes]
