@@ -52,7 +52,7 @@ class Slope:
     information: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Rival:
     """Another explanation of what a term explains.
 
@@ -62,6 +62,8 @@ class Rival:
         2 ln B of the term against it; below 6 the evidence hardly decides.
     alias_share
         Share of the term's fitted signal that the rival reproduces.
+    amplitudes : ndarray, shape (k,), or None
+        Its sizes in the term's place, in the candidate's own unit; None where it is not tied.
     """
 
     key: str
@@ -72,6 +74,7 @@ class Rival:
     tied: bool
     with_offset: bool = False
     """Whether it comes so close only with a constant beside it."""
+    amplitudes: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,6 +326,8 @@ class Findings:
         Numbers of such terms that no longer pay for their parameters.
     known : ndarray, shape (n,), or None
         As `adopted`, but by the refitted and dropped terms only.
+    apart : ndarray, shape (terms, n), or None
+        As `adopted`, but by what stood for each of the terms; 0 where nothing did.
     beside
         Fits the model's own terms again with only some of the found terms, given by their places;
         gives those found terms and the model's own.
@@ -343,4 +348,5 @@ class Findings:
     refitted: tuple[FoundTerm, ...] = ()
     dropped: tuple[int, ...] = ()
     known: FloatArray | None = None
+    apart: FloatArray | None = None
     beside: Callable[[Collection[int]], tuple[list[FoundTerm], list[FoundTerm]]] | None = None

@@ -33,22 +33,28 @@ class Learned:
     fit: Fit
     states: Mapping[int, State]
 
-    def effect(self, channel: int, *, known_alone: bool = False) -> FloatArray:
+    def effect(
+        self, channel: int, *, known_alone: bool = False, number: int | None = None
+    ) -> FloatArray:
         """Predict what the terms alone do to all rows of a channel, in repeatabilities.
 
         Parameters
         ----------
         known_alone
             Whether only of those that the model has already.
+        number
+            Of one term alone; None: of all.
 
         Returns
         -------
         ndarray, shape (n,)
         """
         found, start = np.zeros(len(self.states[channel].fixed.channel.rows)), 0
-        for term in self.terms:
+        for i, term in enumerate(self.terms):
             part = slice(start, start + term.size)
             start += term.size
+            if number is not None and i != number:
+                continue
             if channel in term.columns and not (known_alone and term.origin is None):
                 found += term.columns[channel] @ self.fit.amplitudes[part]
         return found

@@ -27,6 +27,7 @@ from app.search.findings import (
     Findings,
     FoundTerm,
     HeldOut,
+    Rival,
     Status,
     Unexplained,
     Untested,
@@ -37,7 +38,7 @@ from app.search.held_out import held_out_figures, typical_level
 from app.search.joint_fit import Fit, left_out
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
-from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts, set_ups_alike
+from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts, offset_of, set_ups_alike
 from app.search.noise import at_least_rounding, repeatability
 from app.search.problem import Problem, Term, make_problem, with_expected_wander
 from app.search.refinement import refine
@@ -327,6 +328,13 @@ def _answer(
         refitted=tuple(term for term in every if term.origin is not None),
         dropped=tuple(n for n in range(len(selector.known)) if n not in still),
         known=_in_own_unit(library.problem, checked.known),
+        apart=np.array(
+            [
+                _in_own_unit(library.problem, checked.apart[number])
+                for number, term in enumerate(main.terms)
+                if term.origin is None
+            ]
+        ),
         beside=partial(_beside, selector, main.terms, every, unsaid),
     )
 
@@ -392,6 +400,17 @@ def _sizes(term: Term, fit: Fit, part: slice) -> tuple[FloatArray, FloatArray]:
     """Give amplitudes and their covariance in the candidate's own unit."""
     norms = np.where(term.norms > 0, term.norms, np.inf)
     return fit.amplitudes[part] / norms, fit.covariance[part, part] / np.outer(norms, norms)
+
+
+def _sized(
+    selector: Selector, rival: Rival, instead: Term, term: Term, others: Sequence[Term]
+) -> Rival:
+    """Set beside a tied rival the sizes that it has instead of a term."""
+    if not rival.tied:
+        return rival
+    offset = offset_of(selector, term) if rival.with_offset else None
+    fit = selector.fit([instead, *others, *([offset] if offset else [])])
+    return replace(rival, amplitudes=_sizes(instead, fit, slice(0, instead.size))[0])
 
 
 def _by_nonlinear(selector: Selector, term: Term, others: Sequence[Term]) -> FloatArray:
@@ -490,7 +509,7 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
         degrees_of_freedom=term.size + term.candidate.nonlinear,
         evidence=ratio - selector.cost(term, fit, start),
         global_p=main.stages[0].limit.global_p_of(int(own[0]), ratio, rank),
-        rivals=tuple(r for r, _ in rivals[number]),
+        rivals=tuple(_sized(selector, *rival, term, others) for rival in rivals[number]),
         slope=slope,
         forward_slope=checked.forward[number],
         inclusion=inclusion,

@@ -55,6 +55,8 @@ class Validation:
         `after` has the terms and refitted maps, `adopted` the terms alone.
     known : ndarray, shape (n,)
         The same of the terms that the model has already.
+    apart : ndarray, shape (terms, n)
+        The same of what stands for each term; 0 where nothing does.
     variance : ndarray, shape (n,)
         Of `after`, by what the visits that taught it leave open of terms and maps.
     fold : ndarray of int, shape (n,)
@@ -68,6 +70,7 @@ class Validation:
     after: FloatArray
     adopted: FloatArray
     known: FloatArray
+    apart: FloatArray
     variance: FloatArray
     fold: IntArray
     slopes: list[list[Slope]]
@@ -153,6 +156,7 @@ def validate(
         after=np.full(n, np.nan),
         adopted=np.full(n, np.nan),
         known=np.full(n, np.nan),
+        apart=np.zeros((len(main.terms), n)),
         variance=np.full(n, np.nan),
         fold=np.full(n, -1),
         slopes=[[] for _ in main.terms],
@@ -181,6 +185,10 @@ def validate(
             found.after[channel.rows[mine]] = learned.prediction(c)[mine]
             found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
             found.known[channel.rows[mine]] = learned.effect(c, known_alone=True)[mine]
+            for number, match in enumerate(matches):
+                if match is not None:
+                    part = learned.effect(c, number=match)[mine]
+                    found.apart[number, channel.rows[mine]] = part
     found.forward = _forward(library, splits, main, allowed, rivals)
     return found
 

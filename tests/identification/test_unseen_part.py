@@ -70,19 +70,6 @@ def test_nothing_is_expected_where_no_zero_hides_a_part(datum, kept):
     assert not found.is_hardly_known
 
 
-@pytest.mark.parametrize(
-    ("level", "rise", "datum", "is_hidden"),
-    [
-        (1.0, 1.0, Datum.FREE, True),
-        (0.5, 1.0, Datum.FREE, False),
-        (1.0, 1.0, Datum.ABSOLUTE, False),
-    ],
-)
-def test_set_ups_hide_most_of_what_is_everywhere_alike(level, rise, datum, is_hidden):
-    found = expected([level, rise], [0.01, 0.01], datum)
-    assert found.is_mostly_hidden is is_hidden
-
-
 def test_absolute_visits_show_the_level_to_be_large():
     free, some = (
         expected([-9.0, 1.0], [1.0, 0.02], absolute=absolute) for absolute in ((), (0, 11))

@@ -153,6 +153,7 @@ def validation(slopes, found_in):
         after=np.arange(6.0),
         adopted=np.zeros(6),
         known=np.zeros(6),
+        apart=np.zeros((len(slopes), 6)),
         variance=np.zeros(6),
         fold=np.array([0, 1, 2, 0, 1, 2]),
         slopes=slopes,

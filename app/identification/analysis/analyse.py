@@ -20,7 +20,6 @@ from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import KINDS, Repertoire, kind_of, repertoire
 from app.errors import list_names
 from app.identification.analysis import analysis
-from app.identification.analysis.adoption import Judged, is_refit_better, judge_help, shakes
 from app.identification.analysis.advice import mistakes_first, not_compared, summary, what_next
 from app.identification.analysis.analysis import Analysis, SmallestSeen, UnexplainedPart, by_reason
 from app.identification.analysis.assignments import judge_assignments, said_first
@@ -34,6 +33,7 @@ from app.identification.analysis.before_after import (
     used_rows,
 )
 from app.identification.analysis.curves import plots
+from app.identification.analysis.decide import Decision, decide, shakes
 from app.identification.analysis.far_values import MOST_LISTED, far_values, left_out_words
 from app.identification.analysis.figures import ComponentFigures
 from app.identification.analysis.finished_search import FinishedSearch
@@ -43,6 +43,7 @@ from app.identification.analysis.found_effects import (
     found_effects,
 )
 from app.identification.analysis.generic_candidates import generic_candidates, words_of
+from app.identification.analysis.held_out_visits import is_refit_better, maps_that_harm
 from app.identification.analysis.next_visit import propose_visit
 from app.identification.analysis.not_judged import (
     judged_channels,
@@ -265,11 +266,11 @@ def _answer(
     kinds: tuple[str, ...] | None,
 ) -> Analysis:
     effects = found.effects()
-    judged = judge_help(found, effects)
-    if not judged.refits_hold:
+    decision = decide(found, effects)
+    if not decision.refits_hold:
         found = found.without_refits()
-        judged = judge_help(found, effects)
-    effects, refitted = _together(found, before, effects, judged)
+        decision = decide(found, effects)
+    effects, refitted = _together(found, before, effects, decision)
     findings = found.findings
     explained = _by_live_path(found, known, effects_after(known, refitted, effects))
     for mistake in (effect for effect in effects if not effect.terms):
@@ -282,7 +283,7 @@ def _answer(
     size = pooled_figures(found.rows, found.zeros, found.rows.values, seen, chosen, seed)
     after = pooled_figures(found.rows, found.zeros, left, findings.adopted, chosen, seed)
     described = [
-        *not_beside(found_effects(found, effects, judged), known),
+        *not_beside(found_effects(found, effects, decision), known),
         *(offered.found for offered in responses.offered),
         *faulty,
     ]
@@ -304,7 +305,13 @@ def _answer(
     )
     return Analysis(
         verdict=verdict,
-        summary=(told + (f" {denied.sentence}" if denied else "") + not_seen + left_out_words(far)),
+        summary=(
+            maps_that_harm(found)
+            + told
+            + (f" {denied.sentence}" if denied else "")
+            + not_seen
+            + left_out_words(far)
+        ),
         kinds=kinds,
         unit=unit,
         noise=noise,
@@ -360,7 +367,7 @@ def _with_next_steps(
 
 
 def _together(
-    found: FinishedSearch, before: AdoptedBefore, effects: list[Effect], judged: Judged
+    found: FinishedSearch, before: AdoptedBefore, effects: list[Effect], decision: Decision
 ) -> tuple[list[Effect], tuple[RefittedEffect, ...]]:
     """Fit what the model has and what helps together: this is what adoption stores.
 
@@ -371,10 +378,10 @@ def _together(
         the model's own.
     """
     findings = found.findings
-    if findings.beside is None or not judged.refits_hold:
-        return effects, refitted_effects(found, before, (), is_refused=not judged.refits_hold)
+    if findings.beside is None or not decision.refits_hold:
+        return effects, refitted_effects(found, before, (), is_refused=not decision.refits_hold)
     # A mistake in the data is in these rows, whatever is adopted.
-    kept = [i for i, one in enumerate(judged.helps) if one.helps or not effects[i].terms]
+    kept = [i for i, one in enumerate(decision.helps) if one.helps or not effects[i].terms]
     terms, refitted = findings.beside({findings.terms[i].place for i in kept})
     if findings.refitted and len(kept) < len(effects):
         anew = {term.place: found.effect_of(term) for term in terms}

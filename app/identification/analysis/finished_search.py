@@ -12,20 +12,23 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.claim import claim_of
+from app.effects.driver import SinceReference, StepAfter
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis
 from app.effects.kind import OverTime
 from app.effects.map_tables import times_of_maps
 from app.effects.projection import sum_of_terms
 from app.effects.registry import do_the_same, kind_of
+from app.effects.term import Term
 from app.identification.analysis.unseen_part import Shrunk, with_expected
 from app.identification.residuals.residuals import Residuals
-from app.search.findings import Findings, FoundTerm, Status
+from app.search.findings import Findings, FoundTerm, Rival, Status
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.validation import holds
 from app.search.zeros import UnknownZero, unknown_zeros, without_zeros
 from app.thermal.error_map import ErrorMap
+from app.units import SECONDS_PER_DAY
 
 SLOWEST: Final = 0.99
 """Share of the longest time constant from which it counts as that."""
@@ -231,6 +234,43 @@ class FinishedSearch:
         own = sum_of_terms(self.residuals.projection, effect.terms)
         return np.nan_to_num(own, nan=0.0)
 
+    def foretold(self, number: int) -> FloatArray:
+        """Say what a term was foretold to add to held-out rows where it acts, shape (n,).
+
+        0 where it was not found without them.
+        """
+        apart, channels = self.findings.apart, self.findings.terms[number].channels
+        acts = np.isin(self.rows.channel, channels)
+        return np.zeros(len(acts)) if apart is None else np.nan_to_num(apart[number]) * acts
+
+    def later(self, effect: Effect) -> FloatArray:
+        """Say what an effect adds to each row from now on, shape (n,) [the channels' units].
+
+        At these places and in these thermal states, but after all of them: what has begun stays,
+        and what has grown is as large as at the last of them.
+        """
+        last_s = float(self.residuals.rows.times_s[self.use].max())
+        terms = [_as_at(term, last_s) for term in effect.terms]
+        return np.nan_to_num(sum_of_terms(self.residuals.projection, terms), nan=0.0)
+
+    def later_of(self, rival: Rival) -> FloatArray:
+        """Say what a tied rival would add to each row from now on, if it were true, shape (n,).
+
+        A mistake in the data, once it is corrected, adds nothing.
+        """
+        hypothesis, sizes = self.hypotheses[rival.key], rival.amplitudes
+        if hypothesis.supposed is not None or sizes is None:
+            return np.zeros(len(self.use))
+        covariance = np.zeros((sizes.size, sizes.size))
+        return self.later(hypothesis.fitted(Estimate(rival.theta, None, sizes, covariance)))
+
+    def hidden_share(self, effect: Effect) -> float:
+        """Say which share of an effect's squares zeros of set-ups hide."""
+        own = self.explained(effect)
+        size = float(own[self.use] @ own[self.use])
+        shown = without_zeros([replace(zero, is_first=False) for zero in self.zeros], own)[self.use]
+        return 1.0 - float(shown @ shown) / size if size > 0.0 else 0.0
+
     def _left_by(self, mistake: Hypothesis) -> FloatArray:
         found = np.zeros(len(self.use))
         for term in self.findings.terms:
@@ -238,3 +278,14 @@ class FinishedSearch:
                 for part in mistake.parts(self.residuals.projection, term.theta):
                     found[part.rows] += part.columns @ term.amplitudes
         return found
+
+
+def _as_at(term: Term, time_s: float) -> Term:
+    """Let a term that comes with time be, at all times, as it is at one of them."""
+    driver = term.driver
+    if not isinstance(driver, SinceReference | StepAfter):
+        return term
+    height = driver.height
+    if isinstance(driver, SinceReference):
+        height *= (time_s - driver.reference_time_s) / SECONDS_PER_DAY
+    return replace(term, driver=StepAfter(-np.inf, height))

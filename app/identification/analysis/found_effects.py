@@ -12,8 +12,8 @@ from app.effects.adopted.held import use_until
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, series_text
 from app.effects.registry import explain, kind_of, separating_measurement
-from app.identification.analysis.adoption import Help, Judged
 from app.identification.analysis.before_after import lengths
+from app.identification.analysis.decide import Decision, Help
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import Alternative, Evidence, FoundEffect, StrongVisit
 from app.identification.analysis.reading_faults import ReadingFaults
@@ -44,18 +44,18 @@ HARDLY_SEEN: Final = (
 
 
 def found_effects(
-    found: FinishedSearch, effects: Sequence[Effect], judged: Judged
+    found: FinishedSearch, effects: Sequence[Effect], decision: Decision
 ) -> list[FoundEffect]:
     """Describe every found term.
 
     Parameters
     ----------
-    effects, judged
+    effects, decision
         As adoption would store them, and whether they help, in the order of the terms.
     """
     return [
-        _found_effect(found, *one, is_unsure=i in judged.unsure)
-        for i, one in enumerate(zip(effects, found.findings.terms, judged.helps, strict=True))
+        _found_effect(found, *one, is_unsure=i in decision.unsure)
+        for i, one in enumerate(zip(effects, found.findings.terms, decision.helps, strict=True))
     ]
 
 

@@ -39,14 +39,11 @@ class Shrunk(NamedTuple):
         Their mean and covariance.
     is_hardly_known
         Whether the set-ups tell little of the hidden part.
-    is_mostly_hidden
-        Whether zeros of set-ups hide more of the effect than they leave.
     """
 
     amplitudes: FloatArray
     covariance: FloatArray
     is_hardly_known: bool = False
-    is_mostly_hidden: bool = False
 
 
 def with_expected(
@@ -73,9 +70,8 @@ def with_expected(
     """
     hidden, seen = _squares(amplitudes.size, parts, rows, use, noise)
     size = float(amplitudes @ seen @ amplitudes)
-    is_mostly_hidden = bool(amplitudes @ hidden @ amplitudes > size)
     if amplitudes.size < 2 or size <= 0.0 or not hidden.any():
-        return Shrunk(amplitudes, covariance, is_mostly_hidden=is_mostly_hidden)
+        return Shrunk(amplitudes, covariance)
     precision = hidden / (EXPECTED**2 * size)
     # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
     weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
@@ -85,7 +81,6 @@ def with_expected(
         weight @ amplitudes,
         (left + left.T) / 2.0,
         is_hardly_known=unknown > HARDLY**2 * size,
-        is_mostly_hidden=is_mostly_hidden,
     )
 
 

@@ -1,0 +1,489 @@
+"""What is adopted unasked: what leaves least to be expected later, over all that may be true.
+
+Beside an effect as it was found there are other worlds that these observations leave open: what
+ties with it, an instrument, a mistake that is to be corrected, a size that has changed. What a
+world says of the table is one number, the share of the correction that it would need later: where
+that is s, the correction c changes what is left there from s² c² to (s − 1)² c², by (1 − 2 s) c².
+So worlds that say the same of the table need not be told apart, and how sure the effect's name is
+decides nothing. Every world counts by how probable it is, harm counts twice, and what leaves less
+is adopted, as far as set-ups that were held out get smaller by what is adopted together, and none
+of them markedly larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from app.arrays import BoolArray, FloatArray
+from app.effects.effect import Effect
+from app.effects.flexible import OVER_TIME
+from app.effects.kind import AsOtherSensor, Shakes
+from app.effects.registry import kind_of
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.held_out_visits import (
+    FEWEST_GAINS,
+    Worse,
+    markedly_worse,
+    size_left,
+    worse_words,
+)
+from app.identification.analysis.shown_by_few import (
+    ITSELF,
+    is_of_few_places,
+    is_of_one_hour,
+    is_of_one_setup,
+)
+from app.identification.residuals.residuals import channel_unit
+from app.search.findings import FLEXIBLE, FoundTerm, Rival
+from app.search.names import ALIKE, WALKS
+from app.search.validation import ABOVE_ZERO
+
+TRUST: Final = 0.5
+"""Power of a likelihood ratio of two explanations: a model that is a little wrong tells as much
+less than it seems to (Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113)."""
+
+LAST: Final = 0.25
+"""Share of the set-ups that are the last ones."""
+
+MOST_CHANNELS: Final = 4
+"""So many channels are named in a reason."""
+
+OF_EITHER: Final = (
+    "only one set-up shows it, so it may come from the machine or from the instrument in "
+    "this channel"
+)
+OF_A_WALK: Final = (
+    "a zero of the instrument or the foundation that shifts at random from set-up to set-up "
+    "would look the same, and held-out visits between the others would confirm it too"
+)
+BESIDE_A_WALK: Final = (
+    "the zero of the instrument or the foundation seems to shift at random from set-up to "
+    "set-up, so the offset seen here may be its own and not the maps'"
+)
+BESIDE_WHAT_NOBODY_KNOWS: Final = (
+    "something unexplained remains where it acts and may undo this change later, so nobody knows "
+    "whether it lasts"
+)
+AS_SLOW_AS_CAN_BE: Final = (
+    "its time constant is the longest that was tried, and something unexplained remains where it "
+    "acts: anything that changes about as slowly as the visits follow each other can look like it"
+)
+OF_ALIKE_SET_UPS: Final = (
+    "these set-ups resemble each other, so what they have in common may be the instrument's or its "
+    "mounting's and not the machine's"
+)
+OF_ONE_HOUR: Final = (
+    "all visits were at one hour of the day and its maps at others, so it may go with the hour: "
+    "measure at another hour too"
+)
+BY_THE_TABLES_ALONE: Final = (
+    "its share is not 1, and what it does at all positions alike follows from the tables alone, "
+    "because set-ups have zeros of their own: whatever resembles the tables along the axis would "
+    "look the same; measure one position with the datum `absolute`, cold and hot"
+)
+BESIDE_A_MISTAKE: Final = (
+    "a mistake that was found beside it is to be corrected first, then analyse again"
+)
+NOT_HELD_OUT: Final = "nothing could be held out to show whether it helps"
+NOT_FOUND_AGAIN: Final = "it was not found again without the held-out visits"
+
+
+class World(NamedTuple):
+    """What may be true of an effect, and the share of its correction that is then needed later.
+
+    Parameters
+    ----------
+    share, error
+        That share, and its standard error.
+    words
+        What speaks against adopting the effect where this is true.
+    weight
+        How probable it is beside what it stands against, which has 1.
+    """
+
+    share: float
+    words: str
+    error: float = 0.0
+    weight: float = 1.0
+
+    @property
+    def change(self) -> float:
+        """By how much squares are expected to change, in those of the correction; harm twice.
+
+        What is there beyond the whole of it is of something else, and no gain of this one.
+
+        Examples
+        --------
+        >>> World(1.0, "").change, World(0.5, "").change, World(0.0, "").change
+        (-1.0, 0.0, 2.0)
+        """
+        mean, error = 1.0 - 2.0 * self.share, 2.0 * self.error
+        harm, beyond = (_positive_part(m, error) for m in (mean, -1.0 - mean))
+        return mean + harm + beyond
+
+
+def _positive_part(mean: float, error: float) -> float:
+    """Give the mean of what is above zero of a normal distribution, as if the rest were zero."""
+    if error <= 0.0:
+        return max(mean, 0.0)
+    z = mean / error
+    return mean * float(norm.cdf(z)) + error * float(norm.pdf(z))
+
+
+class Help(NamedTuple):
+    """Whether an effect helps, and if not, why nobody can say that it does."""
+
+    helps: bool
+    why_not: str | None = None
+
+
+class Decision(NamedTuple):
+    """Which of the found effects help, and whether what is refitted beside them holds.
+
+    Nobody is sure of the names of those that are `unsure`: in another world than theirs something
+    else does what they do, with them a visit that was held out gets markedly worse, or they never
+    change at any of a few places.
+    """
+
+    helps: list[Help]
+    refits_hold: bool = True
+    unsure: frozenset[int] = frozenset()
+
+
+def decide(found: FinishedSearch, effects: Sequence[Effect]) -> Decision:
+    """Say of each found effect whether it helps, those together that do.
+
+    What is refitted is part of what would be adopted: where it alone makes a visit markedly worse,
+    it does not hold.
+
+    Parameters
+    ----------
+    effects
+        As adoption would store them, in the order of the terms.
+    """
+    terms = found.findings.terms
+    worlds = [list(_worlds(found, effects, i)) for i in range(len(effects))]
+    unsure = {
+        i
+        for i, own in enumerate(worlds)
+        if any(world.change > 0.0 for world in own) or is_of_few_places(found, effects[i], terms[i])
+    }
+    said = [_never(found, effects[i], term) for i, term in enumerate(terms)]
+    # Of mistakes, and of what parts of the visits found in addition, nothing is taken back.
+    base = found.findings.adopted - sum(
+        found.foretold(i) for i, e in enumerate(effects) if not kind_of(e.kind).not_adopted
+    )
+    while True:
+        open_to = [i for i, words in enumerate(said) if words is None]
+        refused = _refused(found, effects, worlds, open_to, base)
+        chosen = [i for i in open_to if i not in refused]
+        taken = base + sum(found.foretold(i) for i in chosen)
+        worse = next(_worse(found, chosen, taken), None)
+        if worse is None:
+            break
+        # The one without which that visit would be best.
+        least = min(chosen, key=lambda i: size_left(found, taken - found.foretold(i), worse.rows))
+        said[least] = worse_words(found, worse)
+        unsure.add(least)
+    said = [refused.get(i, words) for i, words in enumerate(said)]
+    helps = [
+        Help(words is None, words and words + _would_leave(found, i, effects[i], taken))
+        for i, words in enumerate(said)
+    ]
+    known = found.findings.known
+    if known is None or not (found.findings.refitted or found.findings.dropped):
+        return Decision(helps, unsure=frozenset(unsure))
+    if not any(one.helps for one in helps):
+        taken = known
+    return Decision(helps, next(markedly_worse(found, taken), None) is None, frozenset(unsure))
+
+
+def _refused(
+    found: FinishedSearch,
+    effects: Sequence[Effect],
+    worlds: Sequence[Sequence[World]],
+    candidates: Collection[int],
+    base: FloatArray,
+) -> dict[int, str]:
+    """Choose those effects that together leave least, and say why each other one is refused.
+
+    All are taken at first: some hold only together. Then the worst one is left out, as long as
+    without it less is expected to be left, and of those that were left out the best one is taken
+    again: what it imitated together with another may have been the other's.
+    """
+    chosen, refused = set(candidates), dict[int, str]()
+
+    def judged(of: Collection[int]) -> list[tuple[float, int, str]]:
+        beside = {i: base + sum(found.foretold(j) for j in chosen - {i}) for i in of}
+        each = {i: _judged(found, effects[i], i, worlds[i], others) for i, others in beside.items()}
+        return sorted((one.change, i, one.words) for i, one in each.items())
+
+    while chosen and (worst := judged(chosen)[-1])[0] >= 0.0:
+        chosen.remove(worst[1])
+        refused[worst[1]] = worst[2]
+    while refused:
+        again = judged(refused)
+        if again[0][0] >= 0.0:
+            return {i: words for _, i, words in again}
+        chosen.add(again[0][1])
+        del refused[again[0][1]]
+    return refused
+
+
+def _worse(found: FinishedSearch, chosen: Collection[int], taken: FloatArray) -> Iterator[Worse]:
+    """List the held-out visits that get markedly worse where any of what is chosen acts."""
+    acts = sum((found.foretold(i) != 0.0 for i in chosen), np.zeros(len(taken), dtype=bool))
+    return (worse for worse in markedly_worse(found, taken) if acts[worse.rows].any())
+
+
+def _never(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
+    """Say why nothing can be expected of an effect; None where something can."""
+    if not_adopted := kind_of(effect.kind).not_adopted:
+        return not_adopted
+    if not np.isfinite(found.findings.adopted[found.use]).any():
+        return NOT_HELD_OUT
+    return NOT_FOUND_AGAIN if term.slope is None else None
+
+
+class _Judged(NamedTuple):
+    """By how much squares are expected to change, in those of a correction, and what makes it."""
+
+    change: float
+    words: str
+
+
+def _judged(
+    found: FinishedSearch,
+    effect: Effect,
+    number: int,
+    worlds: Sequence[World],
+    others: FloatArray,
+) -> _Judged:
+    """Weigh an effect as found, what ties with it, and what may be true instead of any of these.
+
+    Parameters
+    ----------
+    others : ndarray, shape (n,)
+        What is foretold of held-out rows by all that would be adopted beside it.
+    """
+    itself, term = _as_found(found, number, others), found.findings.terms[number]
+    every = _weighed([itself, *_of_rivals(found, effect, term, itself)])
+    every = _weighed([*every, *worlds])
+    worst = max(every, key=lambda world: world.weight * world.change)
+    likely = "" if worst.words == itself.words else f" (probability {worst.weight:.0%})"
+    change = sum(world.weight * world.change for world in every)
+    return _Judged(change, f"{worst.words}{likely}")
+
+
+def _weighed(worlds: Sequence[World]) -> list[World]:
+    """Let the weights of worlds add up to one."""
+    total = sum(world.weight for world in worlds)
+    return [world._replace(weight=world.weight / total) for world in worlds]
+
+
+def _as_found(found: FinishedSearch, number: int, others: FloatArray) -> World:
+    """Say how much of an effect those set-ups show that did not teach it.
+
+    Of a trend the last ones say how it goes on, where the earlier ones show it. Of few set-ups,
+    whose zeros are unknown, the maps' freedom counts too.
+    """
+    term = found.findings.terms[number]
+    held = (
+        found.use & np.isfinite(found.findings.adopted) & np.isin(found.rows.channel, term.channels)
+    )
+    slope, when = term.slope, "held-out visits"
+    if term.forward_slope is not None and term.forward_slope.information >= ABOVE_ZERO**2:
+        slope, when = term.forward_slope, "the last visits"
+        share, error = slope.value, slope.error
+    elif np.unique(found.rows.visit[held]).size >= FEWEST_GAINS or slope is None:
+        own = found.foretold(number)
+        share, error = _share_shown(found, own, found.rows.values - others, held)
+    else:
+        share, error = slope.value, slope.error
+    words = f"{when} show {share:.2f} ± {error:.2f} of what it predicts"
+    # The prediction's own size is uncertain too: 1/√LR is its relative standard error.
+    return World(share, words, float(np.hypot(error, max(term.likelihood_ratio, 1.0) ** -0.5)))
+
+
+def _worlds(found: FinishedSearch, effects: Sequence[Effect], number: int) -> Iterator[World]:
+    """List what may be true instead of an effect, by whatever name, each as likely as that."""
+    effect, term = effects[number], found.findings.terms[number]
+    kind = kind_of(effect.kind)
+    tied = {kind_of(rival.family).never_sure for rival in term.rivals if rival.tied}
+    yield from (World(0.0, words) for words in sorted(filter(None, tied)))
+    # What only differs in shape from what was found, is of the same cause as it.
+    is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
+    if kind.may_be_instruments(effect):
+        if is_of_one_setup(found, effect):
+            yield World(0.0, OF_EITHER)
+        if WALKS in term.doubts:
+            yield World(0.0, OF_A_WALK)
+        if is_open:
+            yield World(0.0, BESIDE_WHAT_NOBODY_KNOWS)
+    elif is_open and found.is_slowest(term):
+        yield World(0.0, AS_SLOW_AS_CAN_BE)
+    if ALIKE in term.doubts:
+        yield World(0.0, OF_ALIKE_SET_UPS)
+    if kind.constant:
+        if any(WALKS in other.doubts for other in found.findings.terms if other is not term):
+            yield World(0.0, BESIDE_A_WALK)
+        if is_of_one_hour(found, effect, term):
+            yield World(0.0, OF_ONE_HOUR)
+    if _is_part_of_a_table(effect):
+        yield World(1.0 - found.hidden_share(effect), BY_THE_TABLES_ALONE)
+    if OVER_TIME in term.doubts:
+        yield from _of_last_setups(found, effects, number)
+    if words := _beside_a_mistake(found, effects, number):
+        yield World(0.0, words)
+
+
+def _of_rivals(
+    found: FinishedSearch, effect: Effect, term: FoundTerm, itself: World
+) -> Iterator[World]:
+    """List what ties with an effect, by what each would have the table say later.
+
+    What held-out set-ups show, they show of all of these alike.
+    """
+    acts = found.use & np.isin(found.rows.channel, term.channels)
+    own = found.later(effect)
+    weighted = own[acts] / np.sum(found.scatters[acts] ** 2, axis=1)
+    size = float(weighted @ own[acts])
+    if size <= 0.0:
+        return
+    for rival in term.rivals:
+        kind = kind_of(found.hypotheses[rival.key].kind)
+        if rival.tied and not kind.never_sure:
+            like = float(weighted @ _instead(found, rival, own)[acts]) / size
+            share, error = like * itself.share, abs(like) * itself.error
+            words = (
+                f"{rival.family} explains these observations as well ({kind.text}), and then "
+                f"{share:.2f} of it would be needed later"
+            )
+            weight = float(np.exp(-0.5 * TRUST * max(rival.behind, 0.0)))
+            yield World(share, words, error, weight)
+
+
+def _instead(found: FinishedSearch, rival: Rival, own: FloatArray) -> FloatArray:
+    """Say what a rival would add later, with the constant that it needs to be like the effect."""
+    other = found.later_of(rival)
+    if rival.with_offset:
+        for c in np.unique(found.rows.channel[found.use & (other != 0.0)]).tolist():
+            rows = found.use & (found.rows.channel == c)
+            other[rows] += (own[rows] - other[rows]).mean()
+    return other
+
+
+def _of_last_setups(
+    found: FinishedSearch, effects: Sequence[Effect], number: int
+) -> Iterator[World]:
+    """Say how much of what changes with time is still there, where that is surely not all."""
+    acts = found.use & np.isin(found.rows.channel, found.findings.terms[number].channels)
+    setups = np.unique(found.rows.visit[acts])
+    last = np.isin(found.rows.visit, setups[-max(round(LAST * len(setups)), 1) :])
+    own = found.explained(effects[number])
+    left = found.rows.values + own - sum(found.explained(other) for other in effects)
+    share, error = _share_shown(found, own, left, acts & last)
+    if 1.0 - share > ITSELF * error:
+        words = f"the last set-ups show {share:.2f} ± {error:.2f} of what it predicts"
+        yield World(share, f"its size changes over time, and {words}", error)
+
+
+def _share_shown(
+    found: FinishedSearch, own: FloatArray, left: FloatArray, rows: BoolArray
+) -> tuple[float, float]:
+    """Say how much of what an effect predicts some rows show, and how well they know it.
+
+    1 ± ∞ where it predicts nothing there.
+
+    Parameters
+    ----------
+    own, left : ndarray, shape (n,)
+        What it predicts of each row, and what is there beside all other effects.
+    """
+    claimed, shown = (found.from_zero(values, rows) for values in (own, left))
+    noise, shift = found.scatters[rows].T
+    weights = claimed / (noise**2 + shift**2)
+    size = float(weights @ claimed)
+    if size <= 0.0:
+        return 1.0, np.inf
+    share = float(weights @ shown) / size
+    # a'y with y's covariance: each row's noise, and the shift that a set-up's rows share.
+    together = np.bincount(found.set_up[rows], weights=weights * shift)
+    variance = float(np.sum((weights * noise) ** 2) + np.sum(together**2))
+    # Or as set-ups differ, where they do by more.
+    _, visit = np.unique(found.rows.visit[rows][claimed != 0.0], return_inverse=True)
+    apart = np.bincount(visit, weights=(weights * (shown - share * claimed))[claimed != 0.0])
+    between = float(apart @ apart) * apart.size / max(apart.size - 1, 1)
+    return share, float(np.sqrt(max(variance, between))) / size
+
+
+def _is_part_of_a_table(effect: Effect) -> bool:
+    """Whether a part of one component's table is said to follow another sensor.
+
+    That all of it does, would be a strange chance were it not so. Several components have tables
+    that differ, and one share of them all is no chance either.
+    """
+    if kind_of(effect.kind).as_other_sensor is not AsOtherSensor.SAME or len(effect.components) > 1:
+        return False
+    share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
+    return abs(share - 1.0) > ITSELF * error
+
+
+def _beside_a_mistake(found: FinishedSearch, effects: Sequence[Effect], number: int) -> str:
+    """Say which mistake may have made an effect, and is to be corrected first; empty for none.
+
+    What a mistake leaves in the rows is known only as far as the mistake is; the rest of it
+    moves with temperatures too, and would be adopted by another name. Beside a mistake of which
+    nobody is sure, only what is no surer waits: it may be either of the two.
+    """
+    terms, effect = found.findings.terms, effects[number]
+    is_sure = found.is_name_sure(effect, terms[number])
+    for other, term in zip(effects, terms, strict=True):
+        kind = kind_of(other.kind)
+        if spoilt := kind.spoils.get(effect.kind):
+            return spoilt
+        if kind_of(effect.kind).not_adopted or (is_sure and not found.is_name_sure(other, term)):
+            continue
+        if shakes(other, effect, set(term.channels) & set(terms[number].channels)):
+            return f"{BESIDE_A_MISTAKE}: {kind.text}"
+    return ""
+
+
+def shakes(mistake: Effect, effect: Effect, shared: Collection[int]) -> bool:
+    """Whether nothing is sure of an effect until a mistake is corrected.
+
+    Parameters
+    ----------
+    shared
+        Channels in which both act.
+    """
+    how = kind_of(mistake.kind).shakes
+    if how is None:
+        return False
+    if how is Shakes.VALUES:
+        return bool(shared)
+    if kind_of(effect.kind).alternates:
+        return False
+    # Of clocks no sensor is named: they concern all, and states as well.
+    driven = bool(effect.sensors or effect.states)
+    is_driven = driven if not mistake.sensors else bool({*mistake.sensors} & {*effect.sensors})
+    return bool(shared) or is_driven
+
+
+def _would_leave(found: FinishedSearch, number: int, effect: Effect, taken: FloatArray) -> str:
+    """Say what held-out set-ups would be left with by a refused effect beside what is adopted."""
+    part = found.foretold(number)
+    held = found.use & np.isfinite(found.findings.adopted) & (part != 0.0)
+    names = found.residuals.rows.channels
+    own = found.own_channels(effect, found.findings.terms[number])
+    units = {channel_unit(names[c]) for c in own}
+    chosen = held & np.isin(found.rows.channel, own)
+    if len(units) != 1 or not chosen.any():
+        return ""
+    sizes = (size_left(found, left, chosen) for left in (taken, taken + part))
+    before, after = (f"{size:.3g}" for size in sizes)
+    return f"; with it held-out set-ups would go from {before} to {after} {units.pop().symbol}"
