@@ -49,9 +49,6 @@ less than it seems to (Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113)."""
 LAST: Final = 0.25
 """Share of the set-ups that are the last ones."""
 
-MOST_CHANNELS: Final = 4
-"""So many channels are named in a reason."""
-
 OF_EITHER: Final = (
     "only one set-up shows it, so it may come from the machine or from the instrument in "
     "this channel"
