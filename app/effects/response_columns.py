@@ -1,15 +1,11 @@
 """The columns of a response: what many sensors and states with lags say at a moment.
 
-Each column is made from the machine's record since its beginning: a temperature, a state, or
-whether that is on, each late by a time constant; the difference of a body from the others when the
-record began, and how that dies out; and a late temperature times the level of all of them. Before
-the record the machine is taken to have rested at the temperatures of its first reading, with all
-states 0. Where nothing changes at first, the record begins when something does.
-
-Beside maps that one sensor leads through, a column can also be how far another late temperature is
-from what it was in the maps. Where a machine is linear in all of its temperatures, late ones
-included, what interpolated maps leave is linear in these columns exactly, however the maps were
-spaced: interpolation is linear too.
+Each column is made from the machine's record since its beginning: a temperature or a state, late
+by a time constant; the difference of a body from the others when the record began, and how that
+dies out; how long the record has lasted; a late temperature times the level of all of them; and
+what the maps say. Before the record the machine is taken to have rested at the temperatures of its
+first reading, with all states 0. Where nothing changes at first, the record begins when something
+does.
 """
 
 from __future__ import annotations
@@ -22,18 +18,21 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, Signal
 from app.effects.low_pass import FromStart
+from app.effects.valid import Range
 from app.units import SECONDS_PER_MIN, unit_of_field
 
-LATE, STATE, ON, START, LEVEL = "late", "state", "on", "start", "level"
-OFF_MAPS: Final = "off maps"
+LATE, STATE, TIME, START, LEVEL = "late", "state", "time", "start", "level"
+MAPS, OFFSET = "maps", "offset"
 """Forms of columns."""
 
-LATE_MIN: Final = (0.0, 20.0, 80.0)
-STATE_MIN: Final = (3.0, 7.0, 15.0, 40.0, 90.0, 200.0, 400.0)
-ON_MIN: Final = (5.0, 20.0, 60.0, 200.0, 500.0)
-START_MIN: Final = (20.0, 60.0, 200.0)
-LEVEL_MIN: Final = 30.0
-"""Time constants [min]; that of 0 is the present temperature."""
+LADDER_MIN: Final = (20.0, 60.0, 180.0)
+QUICK_MIN: Final = 5.0
+"""Time constants [min]: some minutes, as the first layers of a body that is suddenly heated take,
+and from there by threes."""
+
+OF_RECORD: Final = 1.0 / 3.0
+"""Time constants reach so far, as a share of the usual record: what is slower cannot be told from
+a ramp, and what is learnt in three hours is not known for ten."""
 
 PER_LEVEL_K: Final = 10.0
 """Unit of the level of all temperatures, in kelvins."""
@@ -52,7 +51,7 @@ class Column(NamedTuple):
     @property
     def is_of_state(self) -> bool:
         """Whether a state drives it, not a sensor."""
-        return self.form in (STATE, ON)
+        return self.form == STATE
 
     @property
     def words(self) -> str:
@@ -61,91 +60,42 @@ class Column(NamedTuple):
         return {
             LATE: f"the rise of {self.name}{late}",
             STATE: f"{self.name}{late}",
-            ON: f"how long {self.name} has been on{late}",
+            TIME: f"the time since the start, settling within {self.minutes:g} min",
             START: f"the initial offset of {self.name}, dying out over {self.minutes:g} min",
             LEVEL: f"the rise of {self.name}{late}, times the machine's temperature level",
-            OFF_MAPS: f"{self.name}{late} above what it was in the maps",
+            MAPS: f"what the maps over {self.name} say",
+            OFFSET: "the zero",
         }[self.form]
 
     @property
     def unit(self) -> str:
-        """Its unit."""
+        """Its unit; empty where it has none or is that of the component."""
         if self.form == STATE:
             return unit_of_field(self.name) or ""
-        return "" if self.form == ON else "K"
+        return "K" if self.form in (LATE, START, LEVEL) else ""
 
     @property
     def signal(self) -> Signal:
         """What it is made of."""
-        if self.is_of_state:
-            return Signal("state", self.name, 0 if self.form == ON else 1)
-        return Signal("temperature", self.name)
-
-
-class InMaps(NamedTuple):
-    """What columns were when the maps were measured.
-
-    Parameters
-    ----------
-    sensor
-        The sensor that the maps follow.
-    temperatures_c
-        Its temperatures in the maps, rising [°C].
-    columns_c
-        For each column what it was in each of them [°C].
-    goes_on
-        Whether the maps' straight lines go on beyond their ends, as the machine's policy has it.
-    """
-
-    sensor: str
-    temperatures_c: tuple[float, ...]
-    columns_c: tuple[tuple[float, ...], ...]
-    goes_on: bool = False
-
-    def at(self, column: int, here_c: FloatArray) -> FloatArray:
-        """Say what a column is in the maps as they are interpolated, shape (n,) [°C].
-
-        Parameters
-        ----------
-        column
-            Its number.
-        here_c : ndarray, shape (n,) [°C]
-            Temperatures of the maps' sensor.
-
-        Examples
-        --------
-        >>> maps = InMaps("frame", (20.0, 30.0), ((20.0, 60.0),), goes_on=True)
-        >>> maps.at(0, np.array([19.0, 25.0])).tolist()
-        [16.0, 40.0]
-        """
-        scale, there = np.array(self.temperatures_c), np.array(self.columns_c[column])
-        found: FloatArray = np.interp(here_c, scale, there)
-        if self.goes_on and scale.size > 1:
-            slopes = np.diff(there)[[0, -1]] / np.diff(scale)[[0, -1]]
-            found = found + slopes[0] * np.minimum(here_c - scale[0], 0.0)
-            found = found + slopes[1] * np.maximum(here_c - scale[-1], 0.0)
-        return found
+        return Signal("state" if self.form == STATE else "temperature", self.name)
 
 
 class Zero(NamedTuple):
-    """What temperatures are counted from.
+    """What columns are counted from.
 
     Parameters
     ----------
     references_c
         For each column a temperature [°C]; none: from the first reading of each record.
-    level_sensor
-        Whose temperature is the level; empty: the mean of all.
     level_c
-        The level at which the response is that of the other columns [°C].
-    in_maps
-        What columns were in the maps, of those that are counted from there (`InMaps`).
+        The mean temperature at which the response is that of the other columns [°C].
+    maps
+        What the maps say over their sensor's temperature: temperatures [°C], rising, and errors.
     """
 
     references_c: tuple[float, ...] = ()
-    level_sensor: str = ""
     level_c: float = 0.0
-    in_maps: InMaps | None = None
+    maps: tuple[Range, ...] = ()
 
 
 class Columns(NamedTuple):
@@ -158,50 +108,74 @@ class Columns(NamedTuple):
     age_s: FloatArray
 
 
-def listed_columns(sensors: Iterable[str], states: Iterable[str]) -> tuple[Column, ...]:
+def time_constants_min(usual_min: float) -> tuple[float, ...]:
+    """List the time constants that records of a usual length tell apart.
+
+    Examples
+    --------
+    >>> time_constants_min(300.0)
+    (20.0, 60.0)
+    """
+    return tuple(tau for tau in LADDER_MIN if tau <= OF_RECORD * usual_min)
+
+
+def listed_columns(
+    sensors: Iterable[str],
+    states: Iterable[str],
+    late_min: Sequence[float],
+    maps_sensor: str = "",
+    *,
+    is_from_start: bool = True,
+) -> tuple[Column, ...]:
     """List what may drive a component, the same for all machines.
 
     Parameters
     ----------
     sensors, states
         Names.
+    late_min
+        Time constants [min].
+    maps_sensor
+        The sensor that the component's maps follow; empty: there are none.
+    is_from_start
+        Whether set-ups are counted from their start; if not, they have an offset instead.
     """
     sensors, states = list(sensors), list(states)
-    return (
-        *(Column(LATE, name, minutes) for minutes in LATE_MIN for name in sensors),
-        *(Column(STATE, name, minutes) for name in states for minutes in STATE_MIN),
-        *(Column(ON, name, minutes) for name in states for minutes in ON_MIN),
-        *(Column(START, name, minutes) for minutes in START_MIN for name in sensors),
-        *(Column(LEVEL, name, LEVEL_MIN) for name in sensors),
-    )
-
-
-def group_of(column: Column) -> str:
-    """Name the group of columns that share one scale."""
-    return (
-        f"{LATE} {column.minutes:g}"
-        if column.form == LATE
-        else (f"{column.form} {column.name}" if column.form in (STATE, ON) else column.form)
-    )
+    forms = [
+        *(
+            Column(LATE, name, minutes)
+            for minutes in (0.0, QUICK_MIN, *late_min)
+            for name in sensors
+        ),
+        *(Column(STATE, name, minutes) for minutes in (QUICK_MIN, *late_min) for name in states),
+        *(Column(LEVEL, name, late_min[0]) for name in sensors),
+    ]
+    if is_from_start:
+        forms.append(Column(TIME, "", QUICK_MIN))
+        forms += [Column(START, name, minutes) for minutes in late_min for name in sensors]
+    else:
+        forms.append(Column(OFFSET, "", 0.0))
+    return (*forms, *([Column(MAPS, maps_sensor, 0.0)] if maps_sensor else []))
 
 
 def needed_signals(columns: Sequence[Column]) -> dict[Column, float]:
-    """Give for each column the time constant of the filter that knows its record [s].
+    """Give for each column that follows a signal the time constant of its filter [s].
 
     That of a column which needs no filter of its own is the longest of its sensor's others.
     """
     longest: dict[str, float] = {}
     for column in columns:
-        if column.form in (LATE, LEVEL, OFF_MAPS):
+        if column.form in (LATE, LEVEL):
             longest[column.name] = max(longest.get(column.name, 0.0), column.minutes)
     return {
         column: SECONDS_PER_MIN
         * (
             longest[column.name]
-            if column.form == START or column.minutes == 0.0
+            if column.form in (START, MAPS) or column.minutes == 0.0
             else column.minutes
         )
         for column in columns
+        if column.name
     }
 
 
@@ -229,44 +203,65 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
     age_s = conditions.times_s - began
     sensors = {c.name: past[c.signal, taus[c]] for c in columns if c.form == START}
     usual = np.median([found.first for found in sensors.values()], axis=0) if sensors else None
-    level = (level_at(columns, zero.level_sensor, conditions) - zero.level_c) / PER_LEVEL_K
-    values = np.empty((n, len(columns)))
+    level = (level_at(columns, conditions) - zero.level_c) / PER_LEVEL_K
+    values = np.ones((n, len(columns)))
     for j, column in enumerate(columns):
+        if column.form == TIME:
+            values[:, j] = _settled(age_s, column)
+        if column not in taus:
+            continue
         found = past[column.signal, taus[column]]
         reference = zero.references_c[j] if zero.references_c else found.first
-        late = found.outputs
-        if column.form in (LATE, OFF_MAPS) and column.minutes == 0.0:
-            late = conditions.temperature(column.name)
-        if column.form == OFF_MAPS and zero.in_maps is not None:
-            own_c = conditions.temperature(zero.in_maps.sensor)
-            values[:, j] = late - zero.in_maps.at(j, own_c)
+        late = found.outputs if column.minutes else conditions.temperature(column.name)
         if column.form in (LATE, LEVEL):
             values[:, j] = late - reference
         if column.form == LEVEL:
             values[:, j] *= level
-        if column.form in (STATE, ON):
+        if column.form == MAPS:
+            values[:, j] = changed_by(zero.maps, late, reference)
+        if column.form == STATE:
             values[:, j] = _from_nought(found, conditions.times_s, taus[column])
         if column.form == START and usual is not None:
-            left = np.exp(-age_s / taus_of_start(column))
             unlike = np.where(_together(found, sensors), found.first - usual, np.nan)
-            values[:, j] = unlike * (-left if zero.references_c else 1.0 - left)
+            values[:, j] = unlike * _settled(age_s, column)
     return Columns(values, age_s)
 
 
-def level_at(columns: Sequence[Column], sensor: str, conditions: Conditions) -> FloatArray:
-    """Give the temperature that is the level, shape (n,) [°C]."""
-    if sensor:
-        return conditions.temperature(sensor)
-    known = {column.name for column in columns if not column.is_of_state}
-    if not known:
+def changed_by(
+    maps: Sequence[Range], here_c: FloatArray, first_c: FloatArray | float
+) -> FloatArray:
+    """Say by how much the maps' errors differ between two temperatures, shape (n,).
+
+    Parameters
+    ----------
+    maps
+        Temperatures [°C], rising, and errors; held at their ends.
+    here_c, first_c : ndarray, shape (n,) [°C]
+
+    Examples
+    --------
+    >>> changed_by([(20.0, 0.0), (30.0, 5.0)], np.array([24.0]), np.array([22.0])).tolist()
+    [1.0]
+    """
+    temperatures_c, errors = np.array(maps).T
+    now, then = (np.interp(t, temperatures_c, errors) for t in (here_c, first_c))
+    result: FloatArray = now - then
+    return result
+
+
+def level_at(columns: Sequence[Column], conditions: Conditions) -> FloatArray:
+    """Give the mean temperature of all sensors, shape (n,) [°C]."""
+    names = {column.name for column in columns if column.form == LATE}
+    if not names:
         return np.zeros(len(conditions))
-    found: FloatArray = np.mean([conditions.temperature(n) for n in sorted(known)], axis=0)
-    return found
+    result: FloatArray = np.mean([conditions.temperature(n) for n in sorted(names)], axis=0)
+    return result
 
 
-def taus_of_start(column: Column) -> float:
-    """Give the time constant by which a difference at the start dies out [s]."""
-    return SECONDS_PER_MIN * column.minutes
+def _settled(age_s: FloatArray, column: Column) -> FloatArray:
+    """Say how far what began with the record has settled, shape (n,)."""
+    result: FloatArray = 1.0 - np.exp(-age_s / (SECONDS_PER_MIN * column.minutes))
+    return result
 
 
 def _from_nought(found: FromStart, times_s: FloatArray, tau_s: float) -> FloatArray:

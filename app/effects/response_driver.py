@@ -1,8 +1,8 @@
 """A response as a driver: many sensors and states with lags, known only in sum.
 
 Its columns (`app.effects.response_columns`) are collinear, so that their coefficients are not known
-one by one. The driver keeps all of them with a root of their covariance, and corrects no more of
-the response than is sure.
+one by one. The driver keeps the mean of all of them and a root of the covariance with which another
+set-up has them, and corrects what loses least (`app.search.response.least_harm`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -19,28 +19,32 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import Driver
 from app.effects.response_columns import (
-    LATE,
+    MAPS,
     Column,
     Columns,
-    InMaps,
     Zero,
     columns_at,
     needed_signals,
 )
 from app.effects.valid import Range
-from app.search.response_average import cautious
+from app.search.response import Predicted, least_harm
 from app.search.wander import Wander
 from app.units import SECONDS_PER_MIN
 
 BEYOND: Final = 0.5
-"""A column is followed beyond its learnt range by this share of that range, and held from there on:
-what is not known there shows in the standard deviation, and is corrected less."""
+"""A column is followed beyond its learnt range by this share of that range, and held from there
+on."""
 
 LONGER: Final = 2.0
 """A response that was learnt from the start of records says nothing of records this much longer."""
 
 ROUNDING: Final = 1e-9
-"""Share of its mean variance that is added to a covariance before its root is taken."""
+"""Share of each variance that is added to it before the root of a covariance is taken."""
+
+FORMER: Final = (
+    "it was learnt by an earlier version of thermap, in a form that is no longer evaluated: "
+    "analyse again and adopt the response anew"
+)
 
 
 class Outside(NamedTuple):
@@ -56,8 +60,8 @@ class Expected(NamedTuple):
     """What a response says at n moments, shape (n,) each.
 
     `mean` is what was learnt, `learnt` and `wander` the standard deviations of that and of what
-    no driver explains, the jump as a set-up begins included, `corrected` what is corrected of it,
-    `is_held` says where a column lies at the edge of where it was learnt.
+    no driver explains, `corrected` what is corrected of it, `is_held` says where a column lies at
+    the edge of where it was learnt.
     """
 
     mean: FloatArray
@@ -65,6 +69,79 @@ class Expected(NamedTuple):
     wander: FloatArray
     corrected: FloatArray
     is_held: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where a response was learnt.
+
+    Parameters
+    ----------
+    columns
+        What drives it.
+    ranges
+        Each column's smallest and largest value.
+    longest_min
+        The longest record that it was learnt in [min]; infinite where records are not counted
+        from their start.
+    """
+
+    columns: Sequence[Column]
+    ranges: Sequence[Range]
+    longest_min: float = np.inf
+
+    @classmethod
+    def of(
+        cls, columns: Sequence[Column], seen: Sequence[Columns], *, is_from_start: bool
+    ) -> Reach:
+        """Take all that was seen."""
+        values = np.concatenate([one.values for one in seen])
+        longest_s = max(float(one.age_s.max()) for one in seen)
+        ranges = list(zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True))
+        return cls(columns, ranges, longest_s / SECONDS_PER_MIN if is_from_start else np.inf)
+
+    def held(self, asked: Columns) -> FloatArray:
+        """Hold columns where they were learnt, shape (n, p); NaN where the record is too long."""
+        values = np.clip(asked.values, *self.edges)
+        values[asked.age_s > LONGER * SECONDS_PER_MIN * self.longest_min] = np.nan
+        return values
+
+    def expected(
+        self, asked: Columns, values: FloatArray, learnt: Predicted, noise: Wander
+    ) -> Expected:
+        """Decide what to correct of what was learnt.
+
+        The error that counts is what another set-up will have: its own response and its wander.
+        Where set-ups count from their start, harm is counted beside no correction and beside the
+        maps; where they do not, a zero is somebody's choice, and harm is counted beside the maps.
+
+        Parameters
+        ----------
+        asked, values
+            The columns at n moments, and as they are held.
+        learnt
+            What follows of these.
+        noise
+            What no driver explains.
+        """
+        is_from_start = bool(np.isfinite(self.longest_min))
+        age_min = asked.age_s / SECONDS_PER_MIN
+        wander = np.sqrt(np.maximum(noise.variance(age_min, is_zeroed=is_from_start), 0.0))
+        by_maps = [values[:, i] for i, c in enumerate(self.columns) if c.form == MAPS]
+        maps = by_maps[0] if by_maps and is_from_start else np.zeros(len(values))
+        instead = (np.zeros_like(maps), maps) if by_maps and is_from_start else (maps,)
+        sd = np.sqrt(learnt.learnt**2 + wander**2)
+        corrected = least_harm(maps + learnt.mean, sd, *instead) - maps
+        corrected[np.isnan(learnt.mean)] = np.nan
+        is_held = np.any(asked.values != values, axis=1) & np.isfinite(asked.age_s)
+        return Expected(learnt.mean, learnt.learnt, wander, corrected, is_held)
+
+    @cached_property
+    def edges(self) -> tuple[FloatArray, FloatArray]:
+        """Give the lowest and the highest value to which each column is followed."""
+        low, high = np.array(self.ranges).T
+        by = BEYOND * (high - low)
+        return low - by, high + by
 
 
 @dataclass(frozen=True)
@@ -75,63 +152,48 @@ class Responding(Driver):
     ----------
     columns
         What drives it: form, name and time constant [min] of each.
-    references_c, level_sensor, level_c
+    references_c, level_c, maps
         As in `Zero`.
     ranges
         Each column's smallest and largest value where it was learnt.
-    until_s
-        When each stretch of the response ends [s]; the last one goes on.
+    days_s
+        When the set-ups began that it was learnt from [s], rising.
+    drift_span_s
+        Time in which what set-ups have in common beside the rest falls to 1/e [s].
     coefficients
-        Of each stretch, one for each column.
+        Mean coefficients of a set-up far from all of these, then of one on each of their days
+        (`written`). Between days they follow the bridge of a first-order Markov process, which is
+        what the covariance exp(−|t|/span) makes of it.
     spread
-        A square root of the coefficients' covariance in the last stretch, which serves for all
-        (`written_root`): collinear columns are known in sum and not apart, so that nothing of it
+        A square root of the covariance with which the next set-up has them (`written_root`), its
+        own part included: collinear columns are known in sum and not apart, so that nothing of it
         can be left out.
     noise
-        White noise, wander, and jump (`Wander`); without the last where an older version stored it.
-    is_zeroed
-        Whether it was learnt from set-ups that were zeroed at their first observation.
+        White noise and wander (`Wander`).
     longest_min
         The longest record that it was learnt in [min].
-    maps_sensor, maps
-        The sensor that the component's maps follow, and what they say where it was learnt:
-        temperatures [°C], rising, and errors. What is not sure then goes half back to these
-        maps, half to what held when the record began (`cautious`). None: back to the maps.
-    counted
-        How often caution counts the variances. These are of all set-ups, odd
-        ones among them, and what to correct is decided for the usual one.
-    in_maps
-        Of columns that are counted from what they were in the maps (`InMaps`); None of others.
-        Such a response is a straight line through 0 where the maps are right, and what wanders
-        beside it does so with a correction as without it: caution counts what was learnt alone.
     """
 
-    name: ClassVar[str] = "response"
+    name: ClassVar[str] = "set-up-response"
     columns: tuple[Column, ...]
     references_c: tuple[float, ...]
-    level_sensor: str
     level_c: float
     ranges: tuple[Range, ...]
-    until_s: tuple[float, ...]
-    coefficients: tuple[tuple[float, ...], ...]
+    days_s: tuple[float, ...]
+    drift_span_s: float
+    coefficients: str
     spread: str
     noise: tuple[float, ...]
-    is_zeroed: bool
     longest_min: float
-    maps_sensor: str = ""
     maps: tuple[Range, ...] = ()
-    counted: float = 1.0
-    in_maps: InMaps | None = None
 
     def __post_init__(self) -> None:
         """Read columns as they are stored."""
         object.__setattr__(self, "columns", tuple(Column(*column) for column in self.columns))
-        if self.in_maps is not None:
-            object.__setattr__(self, "in_maps", InMaps(*self.in_maps))
 
     def __hash__(self) -> int:
-        """Tell responses apart by their latest coefficients: there are thousands of numbers."""
-        return hash((self.columns, self.coefficients[-1]))
+        """Tell responses apart by their coefficients."""
+        return hash((self.columns, self.coefficients))
 
     def at(self, conditions: Conditions) -> FloatArray:
         """Give what is corrected, shape (n,)."""
@@ -139,55 +201,29 @@ class Responding(Driver):
 
     def expected(self, conditions: Conditions) -> Expected:
         """Say what was learnt, how sure it is, and what of it is corrected."""
-        found = columns_at(self.columns, self.zero, conditions)
-        return self.expected_of(found, conditions.times_s, self._maps_since_start(conditions))
+        asked = columns_at(self.columns, self.zero, conditions)
+        began_s = conditions.times_s - (0.0 if self.references_c else asked.age_s)
+        return self.expected_of(asked, began_s)
 
-    def expected_of(
-        self, found: Columns, times_s: FloatArray, maps: FloatArray | None = None
-    ) -> Expected:
-        """Say the same of columns that are known already.
-
-        Parameters
-        ----------
-        found
-            The columns at n moments.
-        times_s : ndarray, shape (n,) [s]
-            When.
-        maps : ndarray, shape (n,), or None [the component's unit]
-            What the maps say has changed since the record began; None: what is not sure goes
-            back to them alone.
-        """
-        values = np.clip(found.values, *self._edges)
-        is_held: BoolArray = np.any(found.values != values, axis=1) & np.isfinite(found.age_s)
-        if not self.references_c:
-            values[found.age_s > LONGER * SECONDS_PER_MIN * self.longest_min] = np.nan
-        stretch = np.searchsorted(np.array(self.until_s), times_s, side="right")
-        mean = np.einsum("ij,ij->i", values, np.array(self.coefficients)[stretch])
-        variance = ((values @ self._root) ** 2).sum(axis=1)
-        noise, age_min = Wander(*self.noise), found.age_s / SECONDS_PER_MIN
-        # A set-up jumps as it begins with a correction as without it: caution does not count that.
-        wander, slow = (
-            np.sqrt(np.maximum(one.variance(age_min, is_zeroed=not self.references_c), 0.0))
-            for one in (noise, noise._replace(jump=0.0))
-        )
-        learnt = np.sqrt(variance)
-        maps = np.zeros(mean.shape) if maps is None else maps
-        by = np.sqrt(self.counted)
-        beside = np.zeros(mean.shape) if self.in_maps is not None else by * slow
-        return Expected(mean, learnt, wander, cautious(mean, maps, by * learnt, beside), is_held)
+    def expected_of(self, asked: Columns, began_s: FloatArray) -> Expected:
+        """Say the same of columns at n moments, in set-ups that began at times, shape (n,) [s]."""
+        values = self._reach.held(asked)
+        mean = np.einsum("ij,ij->i", values, self._coefficients_at(began_s))
+        learnt = np.sqrt(((values @ self._root) ** 2).sum(axis=1))
+        return self._reach.expected(asked, values, Predicted(mean, learnt), Wander(*self.noise))
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""
-        found = columns_at(self.columns, self.zero, conditions)
-        low, high = self._edges
-        beyond = np.maximum(low - found.values, found.values - high)
+        asked = columns_at(self.columns, self.zero, conditions)
+        low, high = self._reach.edges
+        beyond = np.maximum(low - asked.values, asked.values - high)
         # Of a component that is not asked for there are no moments, and none of them lies outside.
         largest = np.max(np.nan_to_num(beyond, nan=0.0), axis=0, initial=0.0)
         share = largest / np.maximum(high - low, 1e-12)
         at = int(np.argmax(share))
         if share[at] <= 0.0:
             return None
-        values = found.values[:, at]
+        values = asked.values[:, at]
         return Outside(self.columns[at], self.ranges[at], values, beyond[:, at] > 0.0)
 
     @property
@@ -198,8 +234,8 @@ class Responding(Driver):
 
     @property
     def zero(self) -> Zero:
-        """What temperatures are counted from."""
-        return Zero(self.references_c, self.level_sensor, self.level_c, self.in_maps)
+        """What columns are counted from."""
+        return Zero(self.references_c, self.level_c, self.maps)
 
     @property
     def is_held_by_signal(self) -> bool:
@@ -225,67 +261,103 @@ class Responding(Driver):
             if signal.kind == "temperature" and np.isnan(conditions.temperature(signal.name)).any():
                 return conditions.why_missing(signal)
         age_min = columns_at(self.columns, self.zero, conditions).age_s / SECONDS_PER_MIN
-        if not self.references_c and (age_min > LONGER * self.longest_min).any():
+        if (age_min > LONGER * self._reach.longest_min).any():
             return (
                 f"it was learnt within the first {self.longest_min:.0f} min of a record, and this "
                 f"record began {np.nanmax(age_min):.0f} min ago"
             )
         return "the records of its sensors did not start together"
 
-    def _maps_since_start(self, conditions: Conditions) -> FloatArray | None:
-        """Say what the maps have changed by since the record began, shape (n,)."""
-        if not self.maps:
-            return None
-        own = Column(LATE, self.maps_sensor, 0.0)
-        first_c = conditions.from_start(own.signal, needed_signals(self.columns)[own]).first
-        return changed_by(self.maps, conditions.temperature(self.maps_sensor), first_c)
+    def _coefficients_at(self, began_s: FloatArray) -> FloatArray:
+        """Give the mean coefficients of set-ups that began at times, shape (n, p)."""
+        common, *each = self._means
+        days, off = np.array(self.days_s), np.array(each) - common
+        right = np.searchsorted(days, began_s)
+        left = right - 1
+        result: FloatArray = np.tile(common, (len(began_s), 1))
+        before, after = left >= 0, right < len(days)
+        left, right = np.maximum(left, 0), np.minimum(right, len(days) - 1)
+        from_left, from_right, whole = (
+            np.exp(-np.abs(apart) / self.drift_span_s)
+            for apart in (began_s - days[left], days[right] - began_s, days[right] - days[left])
+        )
+        within = np.maximum(1.0 - whole**2, 1e-300)
+        both = before & after
+        by_left = np.where(both, (from_left - from_right * whole) / within, from_left * before)
+        by_right = np.where(both, (from_right - from_left * whole) / within, from_right * after)
+        return result + by_left[:, None] * off[left] + by_right[:, None] * off[right]
 
     @cached_property
-    def _edges(self) -> tuple[FloatArray, FloatArray]:
-        low, high = np.array(self.ranges).T
-        by = BEYOND * (high - low)
-        return low - by, high + by
+    def _reach(self) -> Reach:
+        return Reach(self.columns, self.ranges, np.inf if self.references_c else self.longest_min)
+
+    @cached_property
+    def _means(self) -> FloatArray:
+        shape = (len(self.days_s) + 1, len(self.columns))
+        means: FloatArray = read(self.coefficients).reshape(shape)
+        return means
 
     @cached_property
     def _root(self) -> FloatArray:
         return read_root(self.spread, len(self.columns))
 
 
-def changed_by(maps: Sequence[Range], here_c: FloatArray, first_c: FloatArray) -> FloatArray:
-    """Say by how much errors differ between two temperatures, shape (n,).
+@dataclass(frozen=True)
+class FormerResponse(Driver):
+    """A response as earlier versions stored it: kept as it is, and not evaluated."""
 
-    Parameters
-    ----------
-    maps
-        Temperatures [°C], rising, and errors; held at their ends.
-    here_c, first_c : ndarray, shape (n,) [°C]
+    name: ClassVar[str] = "response"
+    columns: Any
+    references_c: Any
+    level_sensor: Any
+    level_c: Any
+    ranges: Any
+    until_s: Any
+    coefficients: Any
+    spread: Any
+    noise: Any
+    is_zeroed: Any
+    longest_min: Any
+    maps_sensor: Any = ""
+    maps: Any = ()
+    counted: Any = 1.0
+    in_maps: Any = None
 
-    Examples
-    --------
-    >>> changed_by([(20.0, 0.0), (30.0, 5.0)], np.array([24.0]), np.array([22.0])).tolist()
-    [1.0]
-    """
-    temperatures_c, errors = np.array(maps).T
-    now, then = (np.interp(t, temperatures_c, errors) for t in (here_c, first_c))
-    found: FloatArray = now - then
-    return found
+    def at(self, conditions: Conditions) -> FloatArray:
+        """Give nothing, shape (n,)."""
+        return np.full(len(conditions), np.nan)
+
+    def why_missing(self, conditions: Conditions) -> str:
+        """Say what to do."""
+        return FORMER
+
+
+def written(values: FloatArray) -> str:
+    """Write numbers down: 32 bit in base 64."""
+    return base64.b64encode(np.asarray(values).astype("<f4").tobytes()).decode("ascii")
+
+
+def read(text: str) -> FloatArray:
+    """Read what `written` wrote, shape (n,)."""
+    return np.frombuffer(base64.b64decode(text), dtype="<f4").astype(float)
 
 
 def written_root(covariance: FloatArray) -> str:
-    """Write the lower triangle of a covariance's Cholesky root: 32 bit numbers in base 64.
+    """Write the lower triangle of a covariance's Cholesky root.
 
     Parameters
     ----------
     covariance : ndarray, shape (p, p)
         Positive definite but for rounding.
     """
-    slack = ROUNDING * np.diag(covariance).mean() * np.eye(len(covariance))
-    root = np.linalg.cholesky(covariance + slack)
-    packed = root[np.tril_indices(len(root))].astype("<f4")
-    return base64.b64encode(packed.tobytes()).decode("ascii")
+    # Coefficients have units of their own, from a micrometre to one per 1/min.
+    size = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    slack = ROUNDING * np.eye(len(covariance))
+    root = size[:, None] * np.linalg.cholesky(covariance / np.outer(size, size) + slack)
+    return written(root[np.tril_indices(len(root))])
 
 
-def read_root(written: str, p: int) -> FloatArray:
+def read_root(text: str, p: int) -> FloatArray:
     """Read what `written_root` wrote of p coefficients, shape (p, p).
 
     Examples
@@ -294,5 +366,5 @@ def read_root(written: str, p: int) -> FloatArray:
     [[2.0, 0.0], [0.0, 3.0]]
     """
     root = np.zeros((p, p))
-    root[np.tril_indices(p)] = np.frombuffer(base64.b64decode(written), dtype="<f4")
+    root[np.tril_indices(p)] = read(text)
     return root

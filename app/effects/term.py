@@ -12,7 +12,7 @@ from app.arrays import FloatArray
 from app.effects.conditions import Conditions, Signal
 from app.effects.driver import DRIVERS, Driver
 from app.effects.map_tables import MapReading
-from app.effects.response_driver import Responding
+from app.effects.response_driver import FormerResponse, Responding
 from app.effects.shape import (
     SHAPES,
     Everywhere,
@@ -27,7 +27,9 @@ from app.geometry.components import COMPONENTS
 from app.thermal.compiled_model import CompiledModel
 
 EVERYWHERE: Final = Everywhere()
-STORED_DRIVERS: Final[dict[str, type[Driver]]] = {**DRIVERS, Responding.name: Responding}
+STORED_DRIVERS: Final[dict[str, type[Driver]]] = DRIVERS | {
+    kind.name: kind for kind in (Responding, FormerResponse)
+}
 Part = TypeVar("Part", bound=Driver | Shape)
 
 

@@ -1,12 +1,20 @@
-"""Many collinear drivers as one response: coefficients shrunk by groups, wander in time.
+"""Many collinear drivers as one response: alike in all set-ups, equal in none.
 
-The values of a set-up are y = X β + wander + noise, the columns X in natural units (a kelvin, one
-unit of a state) and β_j normal about zero with one standard deviation for each group of columns.
-These, and the noise, are what makes the values most likely (empirical Bayes; Rasmussen and
-Williams, Gaussian Processes for Machine Learning, 2006, section 2.7 and chapter 5). A set-up that
-does not fit counts less (Student's t with four degrees of freedom, as a scale mixture).
+What the model leaves of set-up i, counted from its zero where it has one, is
 
-Normal equations are kept for each set-up, so that leaving one out is a subtraction.
+    y_i(t) = Φ_i(t) [μ + Σ_g W_g b_g(i)] + wander_i(t) + white noise,
+    b_g(i) = s_g [common_g + ν drift_g(day_i) + ρ own_g,i],    each entry normal(0, 1),
+    cov[drift(d), drift(d')] = exp(−|d − d'| / l),
+
+with drivers Φ in natural units (a kelvin, a micrometre of the maps) and the directions W_g in which
+the coefficients of group g may lie. What another set-up adds of its own is never known beforehand.
+So a driver beyond what was seen makes a prediction unsure, and no rule has to say so; and of few
+set-ups little is believed. Set-ups on days near each other have more in common, which is what a
+machine that changes leaves of an average.
+
+s_g, ν, l, ρ and the noise maximise the marginal likelihood times the weak priors below (Rasmussen
+and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4). A set-up unlike
+all others counts less: its own part and its noise have Student's t, as a scale mixture.
 """
 
 from __future__ import annotations
@@ -17,31 +25,46 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 from scipy.optimize import minimize
+from scipy.special import ndtr
 
-from app.arrays import BoolArray, FloatArray, IntArray, rms
+from app.arrays import FloatArray, IntArray, rms
 from app.search.wander import Wander
 
+OWN: Final = (0.15, 1.0)
+DRIFT: Final = (0.15, 1.0)
+"""ρ and ν, and one standard deviation of their logarithms: repeated warm-ups of one machine differ
+by a tenth to a fifth of themselves."""
+
+DRIFT_SPAN: Final = (1.0 / 3.0, 0.7)
+"""l as a share of the time from the first set-up to the last: what changes far quicker is `own`,
+far slower is common."""
+
+NOISE: Final = ((0.04, 1.0), (0.2, 1.0), (300.0, 0.7), (0.15, 1.0), (100.0, 0.7))
+"""White noise, rough wander, its time constant [min], smooth wander, its time constant, sizes as
+shares of all values: an instrument resolves some percent of what is to be corrected, and air and
+foundation move within hours."""
+
+START_SHARE: Final = 0.3
+"""s_g begins at this share of what would explain everything alone. Its prior is exponential with
+that unit as its mean: a group that is not needed costs nothing and goes to 0."""
+
 FREEDOM: Final = 4.0
-"""Degrees of freedom of Student's t by which odd set-ups count less."""
+"""Degrees of freedom of Student's t: a set-up that is off by five standard deviations counts a
+sixth."""
 
-ROUNDS: Final = 6
-"""Rounds of weighting: the weights settle within a hundredth."""
+STEPS, MORE_STEPS = 40, 20
+"""Most steps of learning, and of learning on with weights."""
 
-ITERATIONS: Final = 30
-WITHIN: Final = 8.0
-"""A parameter stays within so many e-foldings of where it begins."""
+WITHIN: Final = (7.0, 5.0)
+"""A logarithm stays within so much below and above where it begins."""
 
-WHITE_SHARE, WANDER_SHARE = 0.04, 0.2
-"""Where noise and each wander begin: shares of the size of all values."""
+HALVINGS: Final = 30
+"""A correction is found to a thousand millionth of the range in which it lies."""
 
-ROUGH_MIN, SMOOTH_MIN = 300.0, 200.0
-"""Where the wanders' time constants begin [min]."""
-
-NOISE_SPREAD: Final = (1.0, 1.0, 0.7, 1.0, 0.5, 1.0)
-GROUP_SPREAD: Final = 2.0
-"""How freely the logarithms may move from where they begin: one standard deviation of each."""
+HARM: Final = 1.0
+"""Harm counts so much beside the squared error: what is lost, counts twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +82,7 @@ class Course:
     is_zeroed
         Whether an observation at time 0 was subtracted.
     began
-        When the set-up began, in any unit that orders set-ups.
+        When the set-up began, in any unit.
     """
 
     times_min: FloatArray
@@ -69,47 +92,43 @@ class Course:
     began: float = 0.0
 
 
-class Prior(NamedTuple):
-    """What was learnt beside the coefficients.
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Directions of the coefficients that share one scale.
 
-    `noise` is the noise; `scales` the standard deviation of the coefficients of each group.
+    Parameters
+    ----------
+    name
+        What it is.
+    directions : ndarray, shape (p, q)
+        Each a column.
+    as_large_as : ndarray, shape (p, r)
+        Directions of the group whose size, explaining everything alone, is its unit too.
+    unit
+        That size where it is known beforehand.
     """
 
+    name: str
+    directions: FloatArray
+    as_large_as: FloatArray
+    unit: float | None = None
+
+
+class Scales(NamedTuple):
+    """What is learnt beside the coefficients: s_g, ν, l, ρ and the noise."""
+
+    groups: FloatArray
+    drift: float
+    drift_span: float
+    own: float
     noise: Wander
-    scales: FloatArray
 
 
-class Normal(NamedTuple):
-    """Whitened normal equations of m set-ups.
-
-    `gram` has shape (m, p, p), `right` (m, p), `square`, `log_determinant` and `rows` (m,).
-    """
-
-    gram: FloatArray
-    right: FloatArray
-    square: FloatArray
-    log_determinant: FloatArray
-    rows: IntArray
-
-    def without(self, left_out: int) -> Normal:
-        """Leave one set-up out."""
-        kept = np.arange(len(self.rows)) != left_out
-        return Normal(*(part[kept] for part in self))
-
-
-class Posterior(NamedTuple):
-    """Coefficients, shape (p,), their covariance (p, p), and the weight of each set-up (m,)."""
+class Predicted(NamedTuple):
+    """A prediction of n rows, and the standard deviation of what was learnt, shape (n,) each."""
 
     mean: FloatArray
-    covariance: FloatArray
-    weights: FloatArray
-
-
-class Learnt(NamedTuple):
-    """A prior, and minus the logarithm of how likely it makes the values."""
-
-    prior: Prior
-    misfit: float
+    learnt: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,254 +139,338 @@ class Response:
     ----------
     courses
         The set-ups.
-    groups : ndarray, shape (p,)
-        Number of the group of each column, from 0.
-    jumps
-        Whether zeroed set-ups may jump as they begin.
+    groups
+        How their coefficients may lie.
+    expected : ndarray, shape (p,)
+        Prior mean μ of the coefficients.
+    weights : ndarray, shape (m,), or None
+        How much each set-up counts; None: all as one.
     """
 
     courses: Sequence[Course]
-    groups: IntArray
-    jumps: bool = False
+    groups: Sequence[Group]
+    expected: FloatArray
+    weights: FloatArray | None = None
 
-    def begin(self) -> Prior:
-        """Choose where learning begins: each group of columns could explain everything alone."""
-        values = np.concatenate([c.values for c in self.courses])
-        columns = np.concatenate([c.columns for c in self.courses])
-        size = rms(values) or 1.0
-        square = np.bincount(self.groups, np.mean(columns**2, axis=0))
-        scales = size / np.sqrt(np.where(square > 0.0, square, 1.0))
-        noise = Wander(
-            WHITE_SHARE * size, WANDER_SHARE * size, ROUGH_MIN, WANDER_SHARE * size, SMOOTH_MIN
-        )
-        if self.jumps:
-            noise = noise._replace(jump=WANDER_SHARE * size)
-        return Prior(noise, scales)
+    def covariance(self, scales: Scales) -> FloatArray:
+        """Give the covariance of all rows, shape (n, n)."""
+        shared = np.tensordot(scales.groups**2, self._grams, 1)
+        drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
+        result: FloatArray = shared * (1.0 + drift + scales.own**2 * self._same)
+        for rows, inverse_weight, course in self._blocks:
+            noise = scales.noise.covariance(course.times_min, is_zeroed=course.is_zeroed)
+            result[rows, rows] += inverse_weight * noise
+        return result
 
-    def normal(self, noise: Wander) -> Normal:
-        """Whiten every set-up.
+    def scales(self, logarithms: FloatArray) -> Scales:
+        """Read the parameters from their logarithms, in the order of `Scales`."""
+        n = len(self.groups)
+        values = np.exp(logarithms)
+        drift, span, own, *noise = values[n:].tolist()
+        return Scales(values[:n], drift, span, own, Wander(*noise))
 
-        Parameters
-        ----------
-        noise
-            The noise within a set-up.
+    def misfit_and_slope(self, logarithms: FloatArray) -> tuple[float, FloatArray]:
+        """Give minus the logarithm of likelihood times priors, constants aside, and its slopes.
+
+        With α = K⁻¹ y the slope of the first is ½ tr[(K⁻¹ − αα') dK], of which `half` is the
+        first factor and every dK an elementwise product of the parts of K.
         """
-        inverse, log_determinant = self._inverse(noise)
-        by_columns = inverse @ self._rows.columns
-        by_values = np.einsum("rij,rj->ri", inverse, self._rows.values)
-        return Normal(
-            self._rows.columns.transpose(0, 2, 1) @ by_columns,
-            np.einsum("rij,ri->rj", self._rows.columns, by_values),
-            np.einsum("ri,ri->r", self._rows.values, by_values),
-            log_determinant,
-            np.array([len(c.values) for c in self.courses]),
+        n, scales = len(self.groups), self.scales(logarithms)
+        covariance = self.covariance(scales)
+        lower, failed = lapack.dpotrf(covariance, lower=1, overwrite_a=1)
+        if failed:
+            return 1e10, np.zeros(logarithms.size)
+        inverse = np.tril(lapack.dpotri(lower, lower=1)[0])
+        inverse = inverse + np.tril(inverse, -1).T
+        alpha = inverse @ self._values
+        value = 0.5 * float(self._values @ alpha) + float(np.log(np.diag(lower)).sum())
+        half = 0.5 * (inverse - np.outer(alpha, alpha))
+        drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
+        own = scales.own**2 * self._same
+        of_shared = half * (1.0 + drift + own)
+        by_shared = half * np.tensordot(scales.groups**2, self._grams, 1)
+        by_drift = by_shared * drift
+        of_noise = np.zeros(len(scales.noise))
+        for rows, inverse_weight, course in self._blocks:
+            slopes = scales.noise.slopes(course.times_min, is_zeroed=course.is_zeroed)
+            of_noise += [inverse_weight * np.vdot(half[rows, rows], slope) for slope in slopes]
+        slope = np.concatenate(
+            [
+                2.0 * scales.groups**2 * [np.vdot(of_shared, gram) for gram in self._grams],
+                [2.0 * by_drift.sum(), np.vdot(by_drift, self._apart) / scales.drift_span],
+                [2.0 * np.vdot(by_shared, own)],
+                of_noise,
+            ]
+        )
+        shares = scales.groups / self._units
+        off = (logarithms - self.start)[n:] / self._spread
+        return (
+            value + float(shares.sum()) + 0.5 * float(off @ off),
+            slope + np.concatenate([shares, off / self._spread]),
         )
 
-    def misfit(self, prior: Prior, normal: Normal | None = None) -> float:
-        """Give minus the logarithm of the marginal likelihood, constants aside.
+    def learn(self, start: FloatArray | None = None, steps: int = STEPS) -> Fitted:
+        """Find the scales that make the values most likely.
 
         Parameters
         ----------
-        prior
-            Noise and scales.
-        normal
-            The whitened set-ups, where they are known already.
-        """
-        return misfit(self.normal(prior.noise) if normal is None else normal, self._scale(prior))
-
-    def learn(self, start: Prior | None = None, iterations: int = ITERATIONS) -> Learnt:
-        """Find the noise and the groups' scales that make the values most likely.
-
-        Parameters
-        ----------
-        start
-            Where to begin; without it, where `begin` says.
-        iterations
+        start : ndarray
+            Logarithms from which to begin; None: where the priors are.
+        steps
             Most steps.
-
-        Returns
-        -------
-        Learnt
-            Its misfit counts the weak prior on the parameters' logarithms too.
         """
-        middle = _logarithms(self.begin())
-        groups = int(self.groups.max()) + 1
-        of_noise = NOISE_SPREAD[: middle.size - groups]
-        spread = np.concatenate([of_noise, np.full(groups, GROUP_SPREAD)])
-
-        def objective(logs: FloatArray) -> tuple[float, FloatArray]:
-            value, slope = self.misfit_and_slope(_prior(logs, groups))
-            off = (logs - middle) / spread
-            return value + 0.5 * float(off @ off), slope + off / spread
-
-        found = minimize(
-            objective,
-            middle if start is None else _logarithms(start),
+        low, high = WITHIN
+        bounds = np.column_stack([self.start - low, self.start + high])
+        result = minimize(  # type: ignore[call-overload]
+            self.misfit_and_slope,
+            self.start if start is None else start,
             jac=True,
             method="L-BFGS-B",
-            bounds=[(m - WITHIN, m + WITHIN) for m in middle],
-            options={"maxiter": iterations},
+            bounds=bounds,
+            options={"maxiter": steps},
         )
-        return Learnt(_prior(found.x, groups), float(found.fun))
-
-    def posterior(
-        self, prior: Prior, normal: Normal | None = None, *, weighs: bool = True
-    ) -> Posterior:
-        """Estimate the coefficients.
-
-        Parameters
-        ----------
-        prior
-            Noise and scales.
-        normal
-            The whitened set-ups, where they are known already, or some of them.
-        weighs
-            Whether set-ups that do not fit count less.
-        """
-        normal = self.normal(prior.noise) if normal is None else normal
-        scale = self._scale(prior)
-        weights = np.ones(len(normal.rows))
-        for _ in range(ROUNDS if weighs else 1):
-            factor = cho_factor(_scaled(np.tensordot(weights, normal.gram, 1), scale))
-            mean = scale * cho_solve(factor, scale * (weights @ normal.right))
-            left = normal.square - 2.0 * normal.right @ mean
-            left = left + (normal.gram @ mean) @ mean
-            weights = (FREEDOM + normal.rows) / (FREEDOM + left)
-        inverse = cho_solve(factor, np.eye(scale.size))
-        return Posterior(mean, scale[:, None] * inverse * scale, weights)
-
-    def misfit_and_slope(self, prior: Prior) -> tuple[float, FloatArray]:
-        """Give the misfit and its slope in the logarithms of the noise and of the scales.
-
-        With the posterior β, Σ and α = K⁻¹(y − Xβ), that in a group's scale s is
-        Σ_j 1 − (Σ_jj + β_j²) / s², and that in a parameter of the noise
-        ½ tr[(K⁻¹ − αα' − K⁻¹XΣX'K⁻¹) dK].
-        """
-        columns, values, times_min, is_zeroed, is_row = self._rows
-        inverse, log_determinant = self._inverse(prior.noise)
-        by_columns = inverse @ columns
-        flat = columns.reshape(-1, columns.shape[2])
-        gram = flat.T @ by_columns.reshape(flat.shape)
-        by_values = np.einsum("rij,rj->ri", inverse, values)
-        right = flat.T @ by_values.ravel()
-        scale = self._scale(prior)
-        factor = cho_factor(_scaled(gram, scale), lower=True)
-        unit_mean = cho_solve(factor, scale * right)
-        unit_covariance = cho_solve(factor, np.eye(scale.size))
-        fit = float((values * by_values).sum()) - float(scale * right @ unit_mean)
-        value = 0.5 * (fit + log_determinant.sum()) + np.log(np.diag(factor[0])).sum()
-        mean, covariance = scale * unit_mean, scale[:, None] * unit_covariance * scale
-        left = by_values - by_columns @ mean
-        inner = inverse - left[:, :, None] * left[:, None, :]
-        inner -= (by_columns @ covariance) @ by_columns.transpose(0, 2, 1)
-        inner *= is_row[:, :, None] & is_row[:, None, :]
-        of_noise = [
-            0.5 * float(np.vdot(inner, slope)) for slope in prior.noise.slopes(times_min, is_zeroed)
-        ]
-        of_scales = np.bincount(self.groups, 1.0 - np.diag(unit_covariance) - unit_mean**2)
-        return float(value), np.concatenate([of_noise, of_scales])
-
-    def without(self, left_out: int) -> Response:
-        """Leave one set-up out."""
-        return replace(self, courses=[c for i, c in enumerate(self.courses) if i != left_out])
-
-    def without_groups(self, left_out: Sequence[int]) -> Response:
-        """Leave groups of columns out."""
-        kept = ~np.isin(self.groups, list(left_out))
-        courses = [replace(c, columns=c.columns[:, kept]) for c in self.courses]
-        _, groups = np.unique(self.groups[kept], return_inverse=True)
-        return replace(self, courses=courses, groups=groups)
-
-    def with_change(self, changing: IntArray, side: FloatArray) -> Response:
-        """Add columns that are some of the others times a number for each set-up, as a group.
-
-        Parameters
-        ----------
-        changing : ndarray, shape (c,)
-            Which columns.
-        side : ndarray, shape (m,)
-            The number of each set-up.
-        """
-        courses = [
-            replace(c, columns=np.hstack([c.columns, own * c.columns[:, changing]]))
-            for c, own in zip(self.courses, side, strict=True)
-        ]
-        group = np.full(changing.size, self.groups.max() + 1)
-        return replace(self, courses=courses, groups=np.concatenate([self.groups, group]))
-
-    def _scale(self, prior: Prior) -> FloatArray:
-        found: FloatArray = prior.scales[self.groups]
-        return found
+        return Fitted(self, result.x)
 
     @cached_property
-    def _rows(self) -> _Rows:
-        return _Rows.of(self.courses)
+    def start(self) -> FloatArray:
+        """Logarithms of where learning begins, which are the modes of the priors but of s_g."""
+        size = rms(self._values) or 1.0
+        days = np.array([course.began for course in self.courses])
+        span = max(float(np.ptp(days)) * DRIFT_SPAN[0], 1e-9)
+        # Of the noise, all but the third and the fifth are sizes.
+        noise = [at if i in (2, 4) else at * size for i, (at, _) in enumerate(NOISE)]
+        result: FloatArray = np.log(
+            [*(START_SHARE * self._units), DRIFT[0], span, OWN[0], *noise],
+        )
+        return result
 
-    def _inverse(self, noise: Wander) -> tuple[FloatArray, FloatArray]:
-        """Invert the covariance of every set-up; rows that fill up are 0."""
-        is_row = self._rows.is_row
-        both = is_row[:, :, None] & is_row[:, None, :]
-        covariance = np.where(both, noise.covariance(self._rows.times_min, self._rows.is_zeroed), 0)
-        own = np.arange(is_row.shape[1])
-        covariance[:, own, own] += ~is_row
-        lower = np.linalg.cholesky(covariance)
-        whiten = np.linalg.inv(lower)
-        log_determinant = 2.0 * np.log(lower[:, own, own]).sum(axis=1)
-        return whiten.transpose(0, 2, 1) @ whiten, log_determinant
+    @cached_property
+    def days(self) -> FloatArray:
+        """When the set-up of each row began, shape (n,)."""
+        return np.array([course.began for course in self.courses])[self.of]
+
+    @cached_property
+    def of(self) -> IntArray:
+        """The set-up of each row, shape (n,)."""
+        sizes = [len(course.values) for course in self.courses]
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+    @cached_property
+    def columns(self) -> FloatArray:
+        """The drivers of all rows, shape (n, p)."""
+        return np.concatenate([course.columns for course in self.courses])
+
+    @cached_property
+    def _values(self) -> FloatArray:
+        return np.concatenate([c.values - c.columns @ self.expected for c in self.courses])
+
+    @cached_property
+    def _grams(self) -> FloatArray:
+        parts = [self.columns @ group.directions for group in self.groups]
+        return np.array([part @ part.T for part in parts])
+
+    @cached_property
+    def _units(self) -> FloatArray:
+        """Each group's scale that would explain everything alone, shape (G,)."""
+        size = rms(self._values) or 1.0
+        alone = [np.sqrt(((self.columns @ g.as_large_as) ** 2).sum(1).mean()) for g in self.groups]
+        return np.array(
+            [
+                size / max(float(one), 1e-9) if group.unit is None else group.unit
+                for group, one in zip(self.groups, alone, strict=True)
+            ]
+        )
+
+    @cached_property
+    def _spread(self) -> FloatArray:
+        return np.array([spread for _, spread in (DRIFT, DRIFT_SPAN, OWN, *NOISE)])
+
+    @cached_property
+    def _apart(self) -> FloatArray:
+        return np.abs(self.days[:, None] - self.days)
+
+    @cached_property
+    def _inverse_weights(self) -> FloatArray:
+        each = np.ones(len(self.courses)) if self.weights is None else 1.0 / self.weights
+        result: FloatArray = each[self.of]
+        return result
+
+    @cached_property
+    def _same(self) -> FloatArray:
+        """Of rows of one set-up the inverse of its weight, else 0, shape (n, n)."""
+        result: FloatArray = (self.of[:, None] == self.of) * self._inverse_weights
+        return result
+
+    @cached_property
+    def _blocks(self) -> list[tuple[slice, float, Course]]:
+        """Each set-up's rows and the inverse of its weight."""
+        edges = np.searchsorted(self.of, np.arange(len(self.courses) + 1)).tolist()
+        return [
+            (slice(begin, end), float(self._inverse_weights[begin]), course)
+            for begin, end, course in zip(edges, edges[1:], self.courses, strict=False)
+        ]
 
 
-class _Rows(NamedTuple):
-    """All set-ups in arrays of one length, filled up with rows of zeros."""
-
-    columns: FloatArray
-    values: FloatArray
-    times_min: FloatArray
-    is_zeroed: BoolArray
-    is_row: BoolArray
-
-    @classmethod
-    def of(cls, courses: Sequence[Course]) -> _Rows:
-        m, n = len(courses), max(len(c.values) for c in courses)
-        columns = np.zeros((m, n, courses[0].columns.shape[1]))
-        values, times_min = np.zeros((m, n)), np.zeros((m, n))
-        is_row = np.zeros((m, n), dtype=np.bool_)
-        for i, course in enumerate(courses):
-            own = slice(len(course.values))
-            columns[i, own], values[i, own] = course.columns, course.values
-            times_min[i, own], is_row[i, own] = course.times_min, True
-        is_zeroed = np.array([c.is_zeroed for c in courses], dtype=np.bool_)
-        return cls(columns, values, times_min, is_zeroed, is_row)
-
-
-def misfit(normal: Normal, scale: FloatArray) -> float:
-    """Give minus the logarithm of the marginal likelihood, constants aside.
+class Fitted:
+    """A response with its scales: what it says of other set-ups.
 
     Parameters
     ----------
-    normal
-        The whitened set-ups.
-    scale : ndarray, shape (p,)
-        Standard deviation of each coefficient.
+    response
+        The set-ups.
+    logarithms
+        Of its scales.
     """
-    right = scale * normal.right.sum(axis=0)
-    factor = cho_factor(_scaled(normal.gram.sum(axis=0), scale), lower=True)
-    fit = normal.square.sum() - right @ cho_solve(factor, right) + normal.log_determinant.sum()
-    return float(0.5 * fit + np.log(np.diag(factor[0])).sum())
+
+    def __init__(self, response: Response, logarithms: FloatArray) -> None:
+        self.response = response
+        self.logarithms = logarithms
+        self.scales = response.scales(logarithms)
+        #: Prior covariance of the coefficients that all set-ups have in common, shape (p, p).
+        self.prior = sum(
+            (
+                scale**2 * group.directions @ group.directions.T
+                for scale, group in zip(self.scales.groups, response.groups, strict=True)
+            ),
+            np.zeros((response.expected.size,) * 2),
+        )
+        self._inverse = np.linalg.inv(response.covariance(self.scales))
+        self._alpha = self._inverse @ response._values
+
+    def predict(self, columns: FloatArray, began: float, without: int | None = None) -> Predicted:
+        """Predict what drivers do in a new set-up.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (k, p)
+            The drivers.
+        began
+            When the set-up began.
+        without
+            Number of a set-up that is left out; scales stay as they were learnt with it.
+        """
+        rows = self.response
+        cross = columns @ self.prior @ rows.columns.T * self._near(began)
+        alpha, inverse = self._alpha, self._inverse
+        if without is not None:
+            # The inverse without some rows and columns follows from that with them.
+            out = rows.of == without
+            cross = np.where(out, 0.0, cross)
+            by = np.linalg.solve(inverse[np.ix_(out, out)], inverse[out])
+            alpha = alpha - by.T @ alpha[out]
+            inverse = inverse - inverse[:, out] @ by
+        prior = np.einsum("ij,jk,ik->i", columns, self.prior, columns) * self._of_new
+        variance = prior - np.einsum("ij,ij->i", cross @ inverse, cross)
+        return Predicted(
+            columns @ rows.expected + cross @ alpha, np.sqrt(np.maximum(variance, 0.0))
+        )
+
+    def coefficients(self, began: float) -> FloatArray:
+        """Give the mean of a new set-up's coefficients, shape (p,)."""
+        by_rows = self.response.columns.T @ (self._alpha * self._near(began))
+        result: FloatArray = self.response.expected + self.prior @ by_rows
+        return result
+
+    def common(self) -> FloatArray:
+        """Give the same of a set-up on a day far from all others."""
+        result: FloatArray = self.prior @ (self.response.columns.T @ self._alpha)
+        return self.response.expected + result
+
+    def part(self, prior: FloatArray) -> FloatArray:
+        """Give what a part of the prior covariance adds to each row in what is learnt, shape (n,).
+
+        Parameters
+        ----------
+        prior : ndarray, shape (p, p)
+            Such as that of one group.
+        """
+        columns = self.response.columns
+        near = np.array([self._near(day) for day in np.unique(self.response.days)])
+        which = np.unique(self.response.days, return_inverse=True)[1]
+        result: FloatArray = (columns @ prior @ columns.T * near[which]) @ self._alpha
+        return result
+
+    def covariance(self, began: float) -> FloatArray:
+        """Give the covariance of a new set-up's coefficients, shape (p, p)."""
+        near = self.response.columns * self._near(began)[:, None]
+        by = self.prior @ near.T
+        result: FloatArray = self._of_new * self.prior - by @ self._inverse @ by.T
+        return result
+
+    def weighted(self) -> Response:
+        """Let set-ups that the others foretell badly count less.
+
+        One set-up's error is taken as a single number, its mean square beside the variance that
+        the others foretell: rows of one set-up err together.
+        """
+        response, noise = self.response, self.scales.noise
+        surprise = []
+        for i, course in enumerate(response.courses):
+            foretold = self.predict(course.columns, course.began, without=i)
+            wander = noise.covariance(course.times_min, is_zeroed=course.is_zeroed)
+            variance = np.mean(foretold.learnt**2 + np.diag(wander))
+            surprise.append(np.mean((course.values - foretold.mean) ** 2) / variance)
+        weights = (FREEDOM + 1.0) / (FREEDOM + np.array(surprise))
+        return replace(response, weights=weights)
+
+    @property
+    def _of_new(self) -> float:
+        """Variance of a set-up's response beside that of what all have in common."""
+        return 1.0 + self.scales.drift**2 + self.scales.own**2
+
+    def _near(self, began: float) -> FloatArray:
+        """Say what a set-up has in common with each row, beside that of two alike, shape (n,)."""
+        apart = np.abs(self.response.days - began)
+        result: FloatArray = 1.0 + self.scales.drift**2 * np.exp(-apart / self.scales.drift_span)
+        return result
 
 
-def _scaled(gram: FloatArray, scale: FloatArray) -> FloatArray:
-    found: FloatArray = scale[:, None] * gram * scale
-    found[np.diag_indices_from(found)] += 1.0
-    return found
+def learn_response(response: Response) -> Fitted:
+    """Learn the scales, weigh the set-ups, and learn on."""
+    fitted = response.learn()
+    if len(response.courses) < 3:  # of two, nobody knows which is the odd one
+        return fitted
+    fitted = fitted.weighted().learn(fitted.logarithms, MORE_STEPS)
+    return Fitted(fitted.weighted(), fitted.logarithms)
 
 
-def _logarithms(prior: Prior) -> FloatArray:
-    noise = prior.noise if prior.noise.jump else prior.noise[:-1]
-    found: FloatArray = np.log(np.concatenate([noise, prior.scales]))
-    return found
+def least_harm(mean: FloatArray, sd: FloatArray, *instead: FloatArray) -> FloatArray:
+    """Choose the correction whose expected loss is least, shape (n,).
 
+    For y normal(mean, sd) and what would be corrected instead, r, the loss of correcting c is
 
-def _prior(logs: FloatArray, groups: int) -> Prior:
-    found = np.exp(logs)
-    of_noise = found.size - groups
-    return Prior(Wander(*found[:of_noise].tolist()), found[of_noise:])
+        E[(y − c)²] + h mean over r of E[(y − c)² − (y − r)²]₊,
+
+    so that harm beside any of them counts twice (h = `HARM`). It is convex in c, with a bend at
+    each r: what is not sure stays there. The squares cross at (c + r)/2, from where with the normal
+    distribution Φ and density φ the slope of the last term is 2 [(c − mean) Φ(z) + sd φ(z)] for
+    c > r, z = ((c + r)/2 − mean)/sd, and likewise on the other side.
+
+    Parameters
+    ----------
+    mean, sd : ndarray, shape (n,)
+        What is expected.
+    instead : ndarray, shape (n,)
+        What would be corrected otherwise, such as nothing, or the maps alone.
+
+    Examples
+    --------
+    >>> sd = np.array([0.0, 1.0, 3.0, 30.0])
+    >>> least_harm(np.full(4, 3.0), sd, np.zeros(4)).round(1).tolist()
+    [3.0, 2.9, 1.9, 0.0]
+    """
+    sd = np.maximum(sd, 1e-9)
+    low = np.minimum.reduce([mean, *instead])
+    high = np.maximum.reduce([mean, *instead])
+    for _ in range(HALVINGS):
+        c = 0.5 * (low + high)
+        slope = c - mean
+        for r in instead:
+            z = (0.5 * (c + r) - mean) / sd
+            side = np.where(c > r, 1.0, -1.0)
+            density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+            harm = (c - mean) * ndtr(side * z) + side * sd * density
+            slope = slope + HARM / len(instead) * harm
+        low, high = np.where(slope > 0.0, low, c), np.where(slope > 0.0, c, high)
+    result: FloatArray = 0.5 * (low + high)
+    return result

@@ -1,9 +1,8 @@
-"""How an instrument and a machine wander within one set-up: a covariance in time.
+"""How an instrument and a machine wander within one record: a covariance in time.
 
 White noise, a wander that forgets exponentially (Ornstein-Uhlenbeck) and a smooth one (Matérn
 3/2) add up. Where a set-up was zeroed at its first observation, what is left is their difference
-from that observation, the noise of the zero included. A set-up that is zeroed before the machine
-is switched on may also jump as it begins, all that follows with it.
+from that observation, the noise of the zero included.
 """
 
 from __future__ import annotations
@@ -13,17 +12,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import FloatArray
 
 ROOT_3: Final = float(np.sqrt(3.0))
 
-JUMP_MIN: Final = 4.0
-"""Time constant of the jump [min]: some minutes, as the first layers of a body that is suddenly
-heated take; not fitted, because rows are hardly closer together than that."""
-
 
 class Wander(NamedTuple):
-    """White noise, two wanders, and a jump as a zeroed set-up begins.
+    """White noise and two wanders.
 
     Parameters
     ----------
@@ -33,8 +28,6 @@ class Wander(NamedTuple):
         Standard deviation and time constant [min] of the wander that forgets exponentially.
     smooth, smooth_min
         The same of the smooth one.
-    jump
-        Standard deviation of the jump; 0: there is none.
     """
 
     white: float
@@ -42,17 +35,6 @@ class Wander(NamedTuple):
     rough_min: float
     smooth: float
     smooth_min: float
-    jump: float = 0.0
-
-    def larger(self, by: float) -> Wander:
-        """Multiply all variances by a number."""
-        root = float(np.sqrt(by))
-        return self._replace(
-            white=root * self.white,
-            rough=root * self.rough,
-            smooth=root * self.smooth,
-            jump=root * self.jump,
-        )
 
     def over(self, apart_min: FloatArray) -> FloatArray:
         """Give the covariance of the wander at two times that lie so far apart [min].
@@ -66,40 +48,34 @@ class Wander(NamedTuple):
         apart = np.abs(apart_min)
         scaled = ROOT_3 * apart / self.smooth_min
         rough = self.rough**2 * np.exp(-apart / self.rough_min)
-        found: FloatArray = rough + self.smooth**2 * (1.0 + scaled) * np.exp(-scaled)
-        return found
+        result: FloatArray = rough + self.smooth**2 * (1.0 + scaled) * np.exp(-scaled)
+        return result
 
-    def covariance(self, times_min: FloatArray, is_zeroed: BoolArray) -> FloatArray:
-        """Give the covariance of n observations in each of m set-ups.
+    def covariance(self, times_min: FloatArray, *, is_zeroed: bool) -> FloatArray:
+        """Give the covariance of n observations of one record, shape (n, n).
 
         Parameters
         ----------
-        times_min : ndarray, shape (m, n) [min]
+        times_min : ndarray, shape (n,) [min]
             When; of a zeroed set-up since its zero.
-        is_zeroed : ndarray, shape (m,)
+        is_zeroed
             Whether the observation at time 0 was subtracted from all others.
-
-        Returns
-        -------
-        ndarray, shape (m, n, n)
         """
-        found = _of_set_up(self.over, self.white**2, times_min, is_zeroed)
-        return found + self.jump**2 * _jumps(times_min, is_zeroed) if self.jump else found
+        return _of_record(self.over, self.white**2, times_min, is_zeroed=is_zeroed)
 
-    def slopes(self, times_min: FloatArray, is_zeroed: BoolArray) -> list[FloatArray]:
-        """Give the slopes of `covariance` in the logarithms of its parameters; no jump has none."""
+    def slopes(self, times_min: FloatArray, *, is_zeroed: bool) -> list[FloatArray]:
+        """Give the slopes of `covariance` in the logarithms of the five parameters."""
 
         def rough(apart: FloatArray) -> FloatArray:
-            found: FloatArray = self.rough**2 * np.exp(-apart / self.rough_min)
-            return found
-
-        def smooth(apart: FloatArray) -> FloatArray:
-            scaled = ROOT_3 * apart / self.smooth_min
-            found: FloatArray = self.smooth**2 * np.exp(-scaled)
-            return found
+            result: FloatArray = self.rough**2 * np.exp(-apart / self.rough_min)
+            return result
 
         def scaled(apart: FloatArray) -> FloatArray:
             return ROOT_3 * apart / self.smooth_min
+
+        def smooth(apart: FloatArray) -> FloatArray:
+            result: FloatArray = self.smooth**2 * np.exp(-scaled(apart))
+            return result
 
         parts: list[tuple[Callable[[FloatArray], FloatArray], float]] = [
             (np.zeros_like, 2.0 * self.white**2),
@@ -108,50 +84,25 @@ class Wander(NamedTuple):
             (lambda d: 2.0 * smooth(d) * (1.0 + scaled(d)), 0.0),
             (lambda d: smooth(d) * scaled(d) ** 2, 0.0),
         ]
-        found = [_of_set_up(over, white, times_min, is_zeroed) for over, white in parts]
-        if self.jump:
-            found.append(2.0 * self.jump**2 * _jumps(times_min, is_zeroed))
-        return found
+        return [_of_record(over, white, times_min, is_zeroed=is_zeroed) for over, white in parts]
 
     def variance(self, times_min: FloatArray, *, is_zeroed: bool) -> FloatArray:
-        """Give what wander and jump make uncertain at n times, shape (n,), without the noise."""
+        """Give what the wander makes uncertain at n times, shape (n,), without the noise."""
         here: FloatArray = np.broadcast_to(self.over(np.zeros(1)), times_min.shape)
-        if not is_zeroed:
-            return here
-        return 2.0 * (here - self.over(times_min)) + (self.jump * jumped(times_min)) ** 2
+        return 2.0 * (here - self.over(times_min)) if is_zeroed else here
 
 
-def jumped(times_min: FloatArray) -> FloatArray:
-    """Say which share of its jump a set-up has made at n times since its zero [min], shape (n,).
-
-    Examples
-    --------
-    >>> jumped(np.array([0.0, 4.0, 60.0])).round(2).tolist()
-    [0.0, 0.63, 1.0]
-    """
-    found: FloatArray = 1.0 - np.exp(-times_min / JUMP_MIN)
-    return found
-
-
-def _jumps(times_min: FloatArray, is_zeroed: BoolArray) -> FloatArray:
-    """Give the covariance of a jump of 1, shape (m, n, n)."""
-    share = np.where(is_zeroed[:, None], jumped(times_min), 0.0)
-    found: FloatArray = share[:, :, None] * share[:, None, :]
-    return found
-
-
-def _of_set_up(
+def _of_record(
     over: Callable[[FloatArray], FloatArray],
     white: float,
     times_min: FloatArray,
-    is_zeroed: BoolArray,
+    *,
+    is_zeroed: bool,
 ) -> FloatArray:
-    """Make covariances of set-ups from that over a time, those of differences where zeroed."""
-    found = over(np.abs(times_min[:, :, None] - times_min[:, None, :]))
-    own = np.arange(times_min.shape[1])
-    found[:, own, own] += white
-    if is_zeroed.any():
-        to_zero = np.where(is_zeroed[:, None], over(np.abs(times_min)), 0.0)
-        at_zero = np.where(is_zeroed, float(over(np.zeros(1))[0]) + white, 0.0)
-        found += at_zero[:, None, None] - to_zero[:, :, None] - to_zero[:, None, :]
-    return found
+    """Make the covariance of a record from that over a time, of differences where zeroed."""
+    result = over(np.abs(times_min[:, None] - times_min))
+    result[np.diag_indices_from(result)] += white
+    if is_zeroed:
+        to_zero = over(np.abs(times_min))
+        result += float(over(np.zeros(1))[0]) + white - to_zero[:, None] - to_zero
+    return result

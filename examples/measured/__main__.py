@@ -1,6 +1,6 @@
 """Run the loop on measured data and print what it found, before and after.
 
-python -m examples.measured [responses|unseen|drive|slit|printers …]
+python -m examples.measured [responses|unseen|drive|slit|printers|turning …]
     [--data FOLDER] [--from DATE …]
 """
 
@@ -18,6 +18,7 @@ from examples.measured import (
     lathe_responses,
     printers_report,
     slit_report,
+    turning,
 )
 from examples.measured.data_folder import data_folder
 
@@ -27,6 +28,7 @@ REPORTS: dict[str, Callable[[Path], None]] = {
     "drive": drive_report.print_report,
     "slit": slit_report.print_report,
     "printers": printers_report.print_report,
+    "turning": turning.print_report,
 }
 
 

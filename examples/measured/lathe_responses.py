@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.identification.analysis.response_causes import causes_of
 from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import response_rows
 from app.identification.campaign import residuals_of
 from examples.measured.black_boxes import black_boxes, left_of, print_left
 from examples.measured.lathe import make_lathe
 from examples.measured.lathe_runs import DISPLACEMENTS, read_runs
+
+LITTLE = 0.75
 
 
 def print_report(data: Path) -> None:
@@ -46,10 +47,10 @@ def print_report(data: Path) -> None:
 def _print_response(judged: Judged) -> None:
     refused = judged.why_not
     print(f"    {'not offered: ' + refused if refused else 'offered'}, chance {judged.chance:.1g}")
-    print(f"    as if runs jumped as they begin: {'yes' if judged.rows.jumps else 'no'}")
-    weights = judged.average.weights
+    weights = judged.fitted.response.weights
     labels = [one.label for one in judged.rows.set_ups]
-    odd = [f"{label} {w:.2f}" for label, w in zip(labels, weights, strict=True) if w < 0.75]
-    print(f"    runs that count less: {', '.join(odd) or 'none'}")
-    for one in causes_of(judged.rows, judged.average):
+    if weights is not None:
+        odd = [f"{la} {w:.2f}" for la, w in zip(labels, weights, strict=True) if w < LITTLE]
+        print(f"    runs that count less: {', '.join(odd) or 'none'}")
+    for one in judged.causes:
         print(f"    {one.sentence}")

@@ -13,15 +13,14 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, rms
-from app.effects import response_columns
 from app.effects.low_pass import low_pass
-from app.search.response import Course, Response
-from app.search.response_average import learn_average
+from app.search.response import Course, Group, Response, learn_response
 from app.units import SECONDS_PER_MIN
 from examples.measured.black_boxes import learn_ridge
 from examples.measured.printers import PARTS, REST_S, Homings, Printer
 
 RIDGE_MIN: Final = (0.0, 5.0, 20.0, 60.0)
+RESPONSE_MIN: Final = (0.0, 20.0, 80.0)
 LATE_MIN: Final = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0)
 CONSTANT_K: Final = 10.0
 """The ridge's constant is shrunk as a temperature of so many kelvins would be."""
@@ -123,14 +122,12 @@ def _by_bed(printer: Printer, samples: Samples) -> tuple[FloatArray, str]:
 
 def _by_response(printer: Printer, samples: Samples) -> FloatArray:
     """Give what a response beside the maps leaves, its groups of lags shrunk jointly."""
-    minutes, sensors = response_columns.LATE_MIN, sorted(samples.temperatures_c)
-    late = [
-        samples.late(sensor, m) - samples.late(sensor, m).mean()
-        for m in minutes
-        for sensor in sensors
-    ]
-    columns = np.column_stack([*late, np.full(samples.times_s.shape, CONSTANT_K)])
-    groups = np.append(np.repeat(np.arange(len(minutes)), len(sensors)), len(minutes))
+    sensors = sorted(samples.temperatures_c)
+    late = [samples.late(sensor, m) for m in RESPONSE_MIN for sensor in sensors]
+    centred = [values - values.mean() for values in late]
+    columns = np.column_stack([*centred, np.full(samples.times_s.shape, CONSTANT_K)])
+    each = np.split(np.eye(columns.shape[1]), np.arange(1, 1 + len(RESPONSE_MIN)) * len(sensors), 1)
+    groups = [Group(str(i), directions, directions) for i, directions in enumerate(each)]
     values = samples.z_um - _over_frame(printer, samples)(samples.z_um)
     left = np.empty(values.shape)
     for asked in _parts(samples):
@@ -140,8 +137,8 @@ def _by_response(printer: Printer, samples: Samples) -> FloatArray:
             times_s = samples.times_s[own]
             since_min = (times_s - times_s[0]) / SECONDS_PER_MIN
             courses.append(Course(since_min, columns[own], values[own], False, float(times_s[0])))
-        learnt = learn_average(Response(courses, groups), np.empty(0, dtype=np.intp))
-        left[asked] = values[asked] - columns[asked] @ learnt.stretches[-1].mean
+        fitted = learn_response(Response(courses, groups, np.zeros(columns.shape[1])))
+        left[asked] = values[asked] - columns[asked] @ fitted.common()
     return left
 
 

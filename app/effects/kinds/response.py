@@ -14,9 +14,6 @@ from app.geometry.components import COMPONENTS
 BEFORE, AFTER = "held_out_before", "held_out_after"
 WORST_BEFORE, WORST_AFTER = "worst_before", "worst_after"
 SET_UPS: Final = "set_ups"
-OF_RECORDS: Final = "of few records"
-"""The variant that one run or a few show: one sensor beside the maps', at once and late."""
-
 MOST_NAMES: Final = 4
 
 
@@ -51,15 +48,6 @@ class Response(EffectKind):
         unit = COMPONENTS[code].unit
         symbol = unit.symbol
         told = effect.parameters
-        if effect.variant == OF_RECORDS:
-            return (
-                f"{code} also follows {effect.sensors[0]}, at once and with several lags, by how "
-                f"far it is from what it was in the maps: of {told[SET_UPS]:.0f} parts of the "
-                "records, each held out in turn, the residual goes from "
-                f"{told[f'{BEFORE}_{unit}']:.3g} to {told[f'{AFTER}_{unit}']:.3g} {symbol}; in the "
-                f"part that gains least, from {told[f'{WORST_BEFORE}_{unit}']:.3g} to "
-                f"{told[f'{WORST_AFTER}_{unit}']:.3g} {symbol}"
-            )
         drivers = [*effect.sensors, *effect.states]
         named = list_names(drivers, MOST_NAMES)
         return (

@@ -17,7 +17,6 @@ from app.effects.campaign_view import KNOWN_SHARE
 from app.effects.projection import View
 from app.errors import ThermapError
 from app.geometry.components import COMPONENTS, ORDER
-from app.identification.analysis.response_judged import WORSE_BESIDE_OTHERS, WORSE_SHARE
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals
@@ -31,6 +30,16 @@ DRAWN: Final = 4000
 
 SEED: Final = 0
 """Of the signs: the same campaign gives the same answer, whatever else is drawn."""
+
+SURE: Final = 0.01
+"""Probability that as many set-ups get better by chance."""
+
+LEAST_GAIN: Final = 0.1
+"""Share of the root mean square that another sensor must take away."""
+
+WORSE_SHARE, WORSE_BESIDE_OTHERS = 0.1, 0.5
+"""A set-up gets markedly worse if it loses more than the first share of itself and more than the
+second of what the middle one is left with."""
 
 AS_GOOD: Final = 0.05
 """Share of a root mean square by which sensors differ that do as well."""

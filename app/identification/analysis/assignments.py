@@ -33,7 +33,9 @@ from app.identification.analysis.analysis import Analysis, TriedAssignment
 from app.identification.analysis.assignment_rivals import Rivals
 from app.identification.analysis.assignment_trials import (
     DRAWN,
+    LEAST_GAIN,
     ROUNDING,
+    SURE,
     OtherSensors,
     Trial,
     is_direct,
@@ -44,10 +46,6 @@ from app.identification.analysis.assignment_trials import (
     unit_of_figures,
 )
 from app.identification.analysis.found_effect import FoundEffect
-from app.identification.analysis.response_judged import (
-    LEAST_GAIN,
-    SURE,
-)
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals

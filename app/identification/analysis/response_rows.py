@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, to_significant
-from app.effects.conditions import Conditions
+from app.effects.conditions import Conditions, Signal
 from app.effects.observations import ObservationRows
 from app.effects.response_columns import (
     LATE,
     LEVEL,
+    MAPS,
+    OFFSET,
+    QUICK_MIN,
     START,
     STATE,
-    STATE_MIN,
+    TIME,
     Column,
     Columns,
     Zero,
     columns_at,
-    group_of,
     level_at,
     listed_columns,
-    needed_signals,
+    time_constants_min,
 )
-from app.effects.response_driver import BEYOND, Responding, changed_by, written_root
+from app.effects.response_driver import BEYOND, Reach, Responding, written, written_root
 from app.effects.valid import Range
 from app.identification.residuals.residuals import Residuals
-from app.search.response import Course, Response
-from app.search.response_average import Average
+from app.search.response import Course, Fitted, Group, Response
 from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
 
@@ -45,19 +46,48 @@ FEWEST_ROWS: Final = 4
 MOST_ROWS: Final = 60
 """Rows of one set-up, evenly spread: more tell little of what changes within minutes."""
 
+LEARNT_ROWS: Final = (400, 40)
+"""Of these, so many of all set-ups together are learnt from, and so many of one at most."""
+
+MOST_SET_UPS: Final = 200
+"""The latest ones."""
+
+FEWEST: Final = 6
+"""So many set-ups are needed. Of the known runs of two measured machines, responses learnt from one
+to three did harm elsewhere in 22 of 45 draws, from four in 2 of 15, from six in none of 15."""
+
+STRETCHES: Final = 12
+"""Fewer records that count from no zero of their own are cut into so many set-ups."""
+
+GAP_S: Final = 3600.0
+"""What counts from no zero is one record while no pause is longer [s]."""
+
 AT_ONCE_MIN: Final = 60.0
 """A set-up begins with its record if its first observation follows it within so long [min]."""
-
-CHANGING_MIN: Final = 20.0
-"""The response to temperatures late by this may have changed at a date [min]."""
-
-OWN: Final = "own"
-"""Group of the present temperature of the component's own sensor."""
 
 MAP_STEPS: Final = 65
 """Temperatures at which the maps are noted beside a response."""
 
+MAPS_SHARE: Final = 0.5
+"""Prior mean of the maps' coefficient, and the size of its scale: between useless and right."""
+
+SWING: Final = 0.5
+"""Power of a sensor's swing by which its coefficients are expected smaller: halfway between alike
+per kelvin, as bodies expand, and alike by the whole swing, as a nozzle at 200 °C moves no more than
+its frame."""
+
+LEAST_SWING: Final = 0.05
+"""Share of the middle sensor's swing from which that of others is no smaller: it is noise."""
+
 DIGITS: Final = 6
+
+OF_SENSORS: Final = "the temperatures, present and delayed"
+OF_STARTS: Final = "how far the sensors differed at the start"
+OF_LEVEL: Final = "how warm the machine is as a whole"
+OF_TIME: Final = "the first minutes of a set-up"
+OF_MAPS: Final = "the maps, as far as they say too much"
+OF_ZERO: Final = "the zero"
+"""What a group of drivers is, in words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +100,6 @@ class SetUp:
         Of its verification, and of the set-up where that states several.
     times_s, values, measured : ndarray, shape (n,)
         When, what the model leaves, and what was measured [the component's unit].
-    maps : ndarray, shape (n,)
-        What the maps say has changed since the record began [the component's unit].
     found
         All columns at these rows.
     is_zeroed
@@ -82,19 +110,37 @@ class SetUp:
     times_s: FloatArray
     values: FloatArray
     measured: FloatArray
-    maps: FloatArray
     found: Columns
     is_zeroed: bool
 
     @property
+    def began_s(self) -> float:
+        """When it began: of a set-up with a zero of its own when its record did [s]."""
+        return float(self.times_s[0] - (self.found.age_s[0] if self.is_zeroed else 0.0))
+
+    @property
     def course(self) -> Course:
         """The set-up as a response is learnt from it."""
-        times_min = (self.times_s - self.times_s[0]) / SECONDS_PER_MIN
-        columns, began = self.found.values, float(self.times_s[0])
-        if not self.is_zeroed:
-            return Course(times_min, columns, self.values, False, began)
+        first = 1 if self.is_zeroed else 0
+        columns = self.found.values
         return Course(
-            times_min[1:], columns[1:] - columns[0], self.from_zero(self.values)[1:], True, began
+            ((self.times_s - self.times_s[0]) / SECONDS_PER_MIN)[first:],
+            columns[first:] - columns[0] if first else columns,
+            self.from_zero(self.values)[first:],
+            self.is_zeroed,
+            self.began_s,
+        )
+
+    def thinned(self, most: int) -> SetUp:
+        """Keep at most so many rows, evenly spread, the first among them."""
+        n = len(self.times_s)
+        kept = np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(np.intp))
+        return replace(
+            self,
+            times_s=self.times_s[kept],
+            values=self.values[kept],
+            measured=self.measured[kept],
+            found=Columns(self.found.values[kept], self.found.age_s[kept]),
         )
 
     def from_zero(self, values: FloatArray) -> FloatArray:
@@ -110,114 +156,121 @@ class ResponseRows:
     ----------
     code
         The component.
-    own_sensor
-        The sensor that its maps follow; empty without maps.
     columns, zero
         What drives it.
     set_ups
         Those that show a course.
-    maps
-        What the maps say there, over their sensor's temperature (`Responding.maps`); none where
-        set-ups are not counted from their start.
-    jumps
-        Whether set-ups are learnt from as if each zeroed one jumped as it begins.
     """
 
     code: str
-    own_sensor: str
     columns: tuple[Column, ...]
     zero: Zero
     set_ups: Sequence[SetUp]
-    maps: tuple[Range, ...] = ()
-    jumps: bool = False
-
-    @cached_property
-    def groups(self) -> list[str]:
-        """Names of the groups of columns, in the order of their numbers."""
-        return list(dict.fromkeys(self.group_of(column) for column in self.columns))
-
-    def group_of(self, column: Column) -> str:
-        """Name a column's group: that of the sensor that the maps follow is one of its own.
-
-        The maps may be wrong by all that they say, whatever the others' scale.
-        """
-        return OWN if column == Column(LATE, self.own_sensor, 0.0) else group_of(column)
 
     @cached_property
     def response(self) -> Response:
-        """The set-ups with all columns."""
-        numbers = [self.groups.index(self.group_of(column)) for column in self.columns]
-        courses = [one.course for one in self.set_ups]
-        return Response(courses, np.array(numbers, dtype=np.intp), self.jumps)
+        """The set-ups as they are learnt from."""
+        total, most = LEARNT_ROWS
+        each = int(np.clip(total // max(len(self.set_ups), 1), FEWEST_ROWS, most))
+        courses = [one.thinned(each + one.is_zeroed).course for one in self.set_ups]
+        expected = np.array([-MAPS_SHARE if c.form == MAPS else 0.0 for c in self.columns])
+        return Response(courses, self._groups(courses), expected)
 
-    @cached_property
-    def changing(self) -> IntArray:
-        """The columns of which the response may have changed at a date."""
-        is_own = [c.form == LATE and c.minutes == CHANGING_MIN for c in self.columns]
-        return np.flatnonzero(is_own)
+    @property
+    def is_from_start(self) -> bool:
+        """Whether set-ups are counted from where their records start."""
+        return not self.zero.references_c
 
-    @cached_property
-    def unsure(self) -> tuple[int, ...]:
-        """The groups that say one thing of a whole set-up: how far bodies differed at its start."""
-        return tuple(i for i, name in enumerate(self.groups) if name == START)
+    def reach(self, set_ups: Sequence[SetUp]) -> Reach:
+        """Say where some set-ups have shown it."""
+        seen = [one.found for one in set_ups]
+        return Reach.of(self.columns, seen, is_from_start=self.is_from_start)
 
-    def driver(
-        self,
-        average: Average,
-        learnt_from: Sequence[SetUp],
-        doubt: float = 1.0,
-        counted: float = 1.0,
-        *,
-        spares_maps: bool = False,
-    ) -> Responding:
+    def driver(self, fitted: Fitted) -> Responding:
         """Make what a model version stores of a response.
 
-        Parameters
-        ----------
-        average
-            What was learnt.
-        learnt_from
-            The set-ups that it was learnt from.
-        doubt
-            By how much variances are larger than what was learnt says: what set-ups held out show.
-        counted
-            How often caution counts them.
-        spares_maps
-            Whether what is not sure goes back to the maps alone.
+        It is sure of the next set-up as of one that follows as set-ups usually do.
         """
-        values = np.concatenate([one.found.values for one in learnt_from])
-        ages_s = np.concatenate([one.found.age_s for one in learnt_from])
+        reach = self.reach(self.set_ups)
+        days_s = np.unique(fitted.response.days)
+        follows_s = float(np.median(np.diff(days_s))) if days_s.size > 1 else 0.0
+        means = [fitted.common(), *(fitted.coefficients(day) for day in days_s.tolist())]
+        longest_s = max(float(one.found.age_s.max()) for one in self.set_ups)
         return Responding(
             columns=self.columns,
             references_c=self.zero.references_c,
-            level_sensor=self.zero.level_sensor,
             level_c=self.zero.level_c,
-            ranges=tuple(
-                zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True)
-            ),
-            until_s=tuple(s.until for s in average.stretches[:-1]),
-            coefficients=tuple(to_significant(s.mean, DIGITS) for s in average.stretches),
-            spread=written_root(doubt * average.stretches[-1].covariance),
-            # The jump is of set-ups held out already, which is what doubt stands for.
-            noise=tuple(average.noise.larger(doubt)._replace(jump=average.noise.jump)),
-            is_zeroed=all(one.is_zeroed for one in learnt_from),
-            longest_min=float(ages_s.max()) / SECONDS_PER_MIN,
-            maps_sensor="" if spares_maps else self.own_sensor,
-            maps=() if spares_maps else self.maps,
-            counted=counted,
-            in_maps=self.zero.in_maps,
+            ranges=tuple(reach.ranges),
+            days_s=tuple(days_s.tolist()),
+            drift_span_s=fitted.scales.drift_span,
+            coefficients=written(np.concatenate(means)),
+            spread=written_root(fitted.covariance(float(days_s[-1]) + follows_s)),
+            noise=tuple(fitted.scales.noise),
+            longest_min=longest_s / SECONDS_PER_MIN,
+            maps=self.zero.maps,
         )
 
+    def _groups(self, courses: Sequence[Course]) -> list[Group]:
+        """Part the coefficients: what lasts and what passes, of each kind of drivers.
 
-def courses(rows: ObservationRows, code: str) -> int:
-    """Count the set-ups in which a component was observed for long enough to show a course."""
-    own = rows.of_channel(code)
-    return sum(_is_course(rows.times_s[own[part]]) for _, part in _set_ups(rows, own))
+        What lasts has a gain that stays; what passes is how far a driver at once is from itself
+        late, and dies out.
+        """
+        size = self._sizes(np.concatenate([course.columns for course in courses]))
+        place = {column: i for i, column in enumerate(self.columns)}
 
+        def lasting(columns: Sequence[Column]) -> FloatArray:
+            directions = np.zeros((len(self.columns), len(columns)))
+            for k, column in enumerate(columns):
+                directions[place[column], k] = size[place[column]]
+            return directions
 
-def _is_course(times_s: FloatArray) -> bool:
-    lasts_min = np.ptp(times_s) / SECONDS_PER_MIN if times_s.size else 0.0
-    return bool(times_s.size >= FEWEST_ROWS and lasts_min >= SHORTEST_MIN)
+        def passing(columns: Sequence[Column]) -> FloatArray:
+            at_once: dict[str, Column] = {}
+            for column in columns:
+                quickest = at_once.setdefault(column.name, column)
+                if column.minutes < quickest.minutes:
+                    at_once[column.name] = column
+            late = [c for c in columns if at_once[c.name] != c]
+            return lasting([at_once[c.name] for c in late]) - lasting(late)
+
+        by_form = {
+            form: [c for c in self.columns if c.form == form]
+            for form in (LATE, STATE, TIME, START, LEVEL, MAPS, OFFSET)
+        }
+        late = by_form[LATE]
+        steady = lasting([c for c in late if c.minutes != QUICK_MIN])
+        found = [
+            Group(OF_SENSORS, steady, steady),
+            Group(OF_SENSORS, passing(late), steady),
+            Group(OF_STARTS, lasting(by_form[START]), steady),
+            Group(OF_LEVEL, lasting(by_form[LEVEL]), steady),
+        ]
+        for name in dict.fromkeys(c.name for c in by_form[STATE]):
+            columns = [c for c in by_form[STATE] if c.name == name]
+            quick = lasting([c for c in columns if c.minutes == QUICK_MIN])
+            found += [Group(name, quick, quick), Group(name, passing(columns), quick)]
+        for words, form in ((OF_TIME, TIME), (OF_ZERO, OFFSET)):
+            directions = lasting(by_form[form])
+            found.append(Group(words, directions, directions))
+        maps = lasting(by_form[MAPS])
+        found.append(Group(OF_MAPS, maps, maps, MAPS_SHARE))
+        return [group for group in found if group.directions.shape[1]]
+
+    def _sizes(self, columns: FloatArray) -> FloatArray:
+        """Say how large each coefficient is expected beside its group's scale, shape (p,)."""
+        swing = {
+            c.name: float(np.sqrt(np.mean(columns[:, i] ** 2)))
+            for i, c in enumerate(self.columns)
+            if c.form == LATE and c.minutes == 0.0
+        }
+        middle = float(np.median(list(swing.values()))) if swing else 0.0
+        sizes = np.ones(len(self.columns))
+        for i, column in enumerate(self.columns):
+            if column.form in (LATE, START, LEVEL) and middle:
+                own = max(swing[column.name], LEAST_SWING * middle)
+                sizes[i] = (middle / own) ** SWING
+        return sizes
 
 
 def response_rows(residuals: Residuals, code: str) -> ResponseRows:
@@ -233,45 +286,95 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
     rows = residuals.rows
     own = rows.of_channel(code)
     conditions = residuals.projection.conditions.take(own)
-    columns = listed_columns(*_known(conditions))
-    parts = _set_ups(rows, own)
-    zeroed = {which for which, part in parts if rows.has_own_zero[own[part]].any()}
+    parts = [one for one in _parts(rows, own) if _is_course(rows.times_s[own[one.rows]])]
+    zeroed = [one.is_zeroed for one in parts]
+    lasts_min = [float(np.ptp(rows.times_s[own[one.rows]])) / SECONDS_PER_MIN for one in parts]
+    late_min = time_constants_min(float(np.median(lasts_min))) if parts else ()
+    sensors, states = _known(conditions, late_min) if late_min else ([], [])
+    if not sensors:
+        return ResponseRows(code, (), Zero(), ())
     model = residuals.projection.model.find(code)
-    own_sensor = model[0].sensor if model else ""
-    level = own_sensor if Column(LATE, own_sensor, 0.0) in columns else ""
-    level_c = float(np.nanmean(level_at(columns, level, conditions)))
-    zero = Zero(level_sensor=level, level_c=level_c)
-    found = columns_at(columns, zero, conditions)
-    starts_min = [found.age_s[part[0]] / SECONDS_PER_MIN for _, part in parts]
-    if len(zeroed) < len(parts) or not all(age <= AT_ONCE_MIN for age in starts_min):
-        zero = zero._replace(references_c=_references_c(columns, conditions))
-        found = columns_at(columns, zero, conditions)
-    values = residuals.values[own]
-    maps: tuple[Range, ...] = ()
-    changed = np.zeros(own.size)
-    if level and not zero.references_c:
-        maps, here_c = _maps(residuals, code, own_sensor), conditions.temperature(own_sensor)
-        risen_k = found.values[:, columns.index(Column(LATE, own_sensor, 0.0))]
-        changed = changed_by(maps, here_c, here_c - risen_k)
-    set_ups = []
-    for which, part in parts:
-        part = part[np.isfinite(found.values[part]).all(axis=1) & np.isfinite(found.age_s[part])]
-        if not _is_course(conditions.times_s[part]):
-            continue
-        part = part[np.unique(np.linspace(0, part.size - 1, MOST_ROWS).round().astype(np.intp))]
-        set_ups.append(
-            SetUp(
-                rows.visit_label(which),
-                conditions.times_s[part],
-                values[part],
-                rows.measured[own[part]],
-                changed[part],
-                Columns(found.values[part], found.age_s[part]),
-                which in zeroed,
-            )
+    maps_sensor = model[0].sensor if model and model[0].sensor in sensors else ""
+    maps = _maps(residuals, code, maps_sensor) if maps_sensor else ()
+    if not maps:
+        maps_sensor = ""
+
+    def at(*, is_from_start: bool) -> tuple[tuple[Column, ...], Zero, Columns]:
+        columns = listed_columns(
+            sensors, states, late_min, maps_sensor, is_from_start=is_from_start
         )
+        if all(zeroed):  # a zero for all of them shows in none
+            columns = tuple(column for column in columns if column.form != OFFSET)
+        level_c = float(np.nanmean(level_at(columns, conditions)))
+        references_c = () if is_from_start else _references_c(columns, conditions)
+        zero = Zero(references_c, level_c, maps)
+        return columns, zero, columns_at(columns, zero, conditions)
+
+    columns, zero, found = at(is_from_start=True)
+    starts_min = [found.age_s[one.rows[0]] / SECONDS_PER_MIN for one in parts]
+    if not all(
+        p.is_zeroed and age <= AT_ONCE_MIN for p, age in zip(parts, starts_min, strict=True)
+    ):
+        columns, zero, found = at(is_from_start=False)
+    values = residuals.values[own]
+    is_usable = np.isfinite(found.values).all(axis=1) & np.isfinite(found.age_s)
+    usable = [replace(one, rows=one.rows[is_usable[one.rows]]) for one in parts]
+    usable = [one for one in usable if _is_course(conditions.times_s[one.rows])]
+    set_ups = []
+    for one in _cut(usable):
+        part = one.rows
+        whole = SetUp(
+            rows.visit_label(int(rows.visit[own[part[0]]])),
+            conditions.times_s[part],
+            values[part],
+            rows.measured[own[part]],
+            Columns(found.values[part], found.age_s[part]),
+            one.is_zeroed,
+        )
+        set_ups.append(whole.thinned(MOST_ROWS))
     set_ups.sort(key=lambda one: one.times_s[0])
-    return ResponseRows(code, own_sensor, columns, zero, set_ups, maps)
+    return ResponseRows(code, columns, zero, set_ups[-MOST_SET_UPS:])
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Rows of a set-up in order of time, and whether the first is its zero."""
+
+    rows: IntArray
+    is_zeroed: bool
+
+
+def _parts(rows: ObservationRows, own: IntArray) -> list[_Part]:
+    """Part a component's rows: each set-up with a zero of its own, and the records of all others.
+
+    What was sent one by one, and has one zero, is one record as if it had been sent together.
+    """
+    order = np.argsort(rows.times_s[own], kind="stable")
+    has_zero = rows.has_own_zero[own[order]]
+    visit = rows.visit[own[order]]
+    zeroed = [order[has_zero & (visit == which)] for which in np.unique(visit[has_zero])]
+    together = order[~has_zero]
+    pauses = np.flatnonzero(np.diff(rows.times_s[own[together]]) > GAP_S) + 1
+    records = [part for part in np.split(together, pauses) if part.size]
+    return [_Part(part, True) for part in zeroed] + [_Part(part, False) for part in records]
+
+
+def _cut(parts: Sequence[_Part]) -> list[_Part]:
+    """Cut records without a zero into stretches where there are too few of them."""
+    records = [one for one in parts if not one.is_zeroed]
+    if len(parts) >= FEWEST or not records:
+        return list(parts)
+    each = -(-STRETCHES // len(records))
+    found = [one for one in parts if one.is_zeroed]
+    for one in records:
+        count = min(each, len(one.rows) // FEWEST_ROWS)
+        found += [_Part(rows, False) for rows in np.array_split(one.rows, count)]
+    return found
+
+
+def _is_course(times_s: FloatArray) -> bool:
+    lasts_min = np.ptp(times_s) / SECONDS_PER_MIN if times_s.size else 0.0
+    return bool(times_s.size >= FEWEST_ROWS and lasts_min >= SHORTEST_MIN)
 
 
 def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
@@ -290,27 +393,18 @@ def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
     return tuple(zip(here_c, errors, strict=True))
 
 
-def _set_ups(rows: ObservationRows, own: IntArray) -> list[tuple[int, IntArray]]:
-    """Part a component's rows by set-up, each in order of time."""
-    found = []
-    for which in np.unique(rows.visit[own]).tolist():
-        part = np.flatnonzero(rows.visit[own] == which)
-        found.append((which, part[np.argsort(rows.times_s[own[part]], kind="stable")]))
-    return found
-
-
-def _known(conditions: Conditions) -> tuple[list[str], list[str]]:
+def _known(conditions: Conditions, late_min: Sequence[float]) -> tuple[list[str], list[str]]:
     """Name the sensors and the states of which the record is known, and that changed."""
     sensors = [
         name
         for name, values in conditions.temperatures_c.items()
-        if _varies(values) and _is_recorded(Column(LATE, name, 80.0), conditions)
+        if _varies(values) and _is_recorded(Signal("temperature", name), late_min[-1], conditions)
     ]
     states = [
         name
         for name in conditions.states
-        if _is_recorded(Column(STATE, name, STATE_MIN[0]), conditions)
-        and _varies(conditions.from_start(Column(STATE, name, STATE_MIN[0]).signal, 180.0).outputs)
+        if _is_recorded(Signal("state", name), QUICK_MIN, conditions)
+        and _varies(_late(Signal("state", name), QUICK_MIN, conditions))
     ]
     return sensors, states
 
@@ -324,7 +418,7 @@ def unrecorded_states(conditions: Conditions) -> list[str]:
         name
         for name, values in conditions.states.items()
         if np.isfinite(values).mean() >= KNOWN
-        and not _is_recorded(Column(STATE, name, STATE_MIN[0]), conditions)
+        and not _is_recorded(Signal("state", name), QUICK_MIN, conditions)
     ]
 
 
@@ -333,13 +427,16 @@ def _varies(values: FloatArray) -> bool:
     return bool(known.size >= KNOWN * values.size and np.ptp(known) > 0.0)
 
 
-def _is_recorded(column: Column, conditions: Conditions) -> bool:
-    tau_s = needed_signals([column])[column]
-    return bool(np.isfinite(conditions.from_start(column.signal, tau_s).outputs).mean() >= KNOWN)
+def _late(signal: Signal, minutes: float, conditions: Conditions) -> FloatArray:
+    return conditions.from_start(signal, SECONDS_PER_MIN * minutes).outputs
+
+
+def _is_recorded(signal: Signal, minutes: float, conditions: Conditions) -> bool:
+    return bool(np.isfinite(_late(signal, minutes, conditions)).mean() >= KNOWN)
 
 
 def _references_c(columns: Sequence[Column], conditions: Conditions) -> tuple[float, ...]:
     return tuple(
-        float(np.nanmean(conditions.temperature(c.name))) if c.form in (LATE, LEVEL) else 0.0
+        float(np.nanmean(conditions.temperature(c.name))) if c.form in (LATE, LEVEL, MAPS) else 0.0
         for c in columns
     )

@@ -3,12 +3,13 @@
 A response is learnt from what the model leaves without any response, other adopted effects
 included: one that was adopted before is replaced, not added to. It is offered where set-ups held
 out gain by more than chance would, none of them gets markedly worse, and it leaves less than the
-effects that the search has named on the component, which it then takes the place of.
+effects of the component that would otherwise be adopted. Then it takes the place of all that the
+search has named there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -21,7 +22,6 @@ from app.effects.kind import NotTested
 from app.effects.kinds.response import (
     AFTER,
     BEFORE,
-    OF_RECORDS,
     SET_UPS,
     WORST_AFTER,
     WORST_BEFORE,
@@ -29,17 +29,18 @@ from app.effects.kinds.response import (
 )
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import explain, kind_of
+from app.effects.response_driver import Responding
 from app.effects.term import Term
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
+from app.identification.analysis.adoption import Judged as JudgedEffects
+from app.identification.analysis.adoption import judge_help
 from app.identification.analysis.finished_search import FinishedSearch
-from app.identification.analysis.found_effect import Cause, Evidence, FoundEffect
-from app.identification.analysis.response_causes import causes_of
-from app.identification.analysis.response_judged import Judged, judge
-from app.identification.analysis.response_records import JudgedRecords, judge_records
+from app.identification.analysis.found_effect import Evidence, FoundEffect
+from app.identification.analysis.response_judged import CONFIRMED, Judged, judge
 from app.identification.analysis.response_rows import (
-    ResponseRows,
-    courses,
+    FEWEST,
+    SHORTEST_MIN,
     response_rows,
     unrecorded_states,
 )
@@ -47,12 +48,6 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals.residuals import Residuals
 from app.search.findings import FoundTerm, Status
 from app.search.search import Progress
-
-FEWEST: Final = 8
-"""So many set-ups with a course are needed."""
-
-MOST_NAMED: Final = 3
-"""So many set-ups are named in a sentence."""
 
 NOT_HELD_OUT: Final = (
     "its component already has a response that was learnt from these same set-ups, so none of "
@@ -78,19 +73,16 @@ class Offered:
         What adoption stores.
     judged
         How set-ups held out fared.
-    causes
-        What can be said of its causes.
     instead_of
-        What the effects that were named on the component leave, from each set-up's zero; None
-        where none was.
+        What the effects that would be adopted on the component leave, from each set-up's zero; None
+        where none would be.
     instead_kinds
-        Their kinds.
+        The kinds of all that are named there.
     """
 
     code: str
     effect: Effect
     judged: Judged
-    causes: tuple[Cause, ...] = ()
     instead_of: float | None = None
     instead_kinds: tuple[str, ...] = ()
 
@@ -98,33 +90,15 @@ class Offered:
     def found(self) -> FoundEffect:
         """Describe it."""
         parts = [explain(self.effect)]
-        few = isinstance(self.judged, JudgedRecords)
-        if isinstance(self.judged, JudgedRecords) and self.judged.tied:
-            parts.append(f"{list_names(self.judged.tied)} would explain it as well")
-        if self.judged.care > 1.0:
-            parts.append(
-                "so that no set-up gets markedly worse, uncertainty is weighted "
-                f"{self.judged.care:g} times in deciding how much to correct"
-            )
-        if self.judged.rows.maps and self.judged.spares_maps:
-            parts.append(
-                "where the response is not sure, the maps alone are used, or else a set-up "
-                "would get worse"
-            )
-        if self.judged.is_worse_than_none.any():
-            parts.append(self._worse_than_none)
-        if self.instead_of is not None:
-            parts.append(
-                "it replaces the effects that were named there "
-                f"({list_names(self.instead_kinds)}), which would leave {self.instead_of:.3g} "
-                f"{self._symbol}"
-            )
+        if self.instead_kinds:
+            parts.append(f"it takes the place of what was named there ({self._instead})")
+        is_sure = self.judged.chance <= CONFIRMED
         return FoundEffect(
             effect=self.effect,
             before_rms=self.judged.before_rms,
             after_rms=self.judged.after_rms,
-            unit=self._symbol,
-            status=str(Status.SUSPECTED if few else Status.CONFIRMED),
+            unit=COMPONENTS[self.code].unit.symbol,
+            status=str(Status.CONFIRMED if is_sure else Status.SUSPECTED),
             helps=True,
             why_not=None,
             is_proxy=False,
@@ -136,28 +110,18 @@ class Offered:
             leverage=0.0,
             leverage_warning=None,
             measure_again=None,
-            causes=self.causes,
+            causes=self.judged.causes,
         )
 
     @property
-    def _worse_than_none(self) -> str:
-        """Name the set-ups that are left worse than without any correction."""
-        after = self.judged.each[1]
-        said = [
-            f"{one.label!r} {rms(raw):.3g} to {after[i]:.3g} {self._symbol}"
-            for i, (one, raw) in enumerate(
-                zip(self.judged.rows.set_ups, self.judged.uncompensated, strict=True)
-            )
-            if self.judged.is_worse_than_none[i]
-        ]
+    def _instead(self) -> str:
+        """Name what it takes the place of, with what that would leave."""
+        kinds = list_names(self.instead_kinds)
+        if self.instead_of is None:
+            return f"{kinds}, not to be adopted"
         return (
-            "worse than with no correction at all, not even the maps: "
-            f"{list_names(said, MOST_NAMED)}"
+            f"{kinds}, which would leave {self.instead_of:.3g} {COMPONENTS[self.code].unit.symbol}"
         )
-
-    @property
-    def _symbol(self) -> str:
-        return COMPONENTS[self.code].unit.symbol
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +160,7 @@ def find_responses(
             offered.append(found)
         elif found:
             refused.append(NotTested(Response.kind, code, found))
-    if any(courses(residuals.rows, code) >= FEWEST for code in codes):
+    if offered:
         refused += [
             NotTested(Response.kind, name, NOT_RECORDED)
             for name in unrecorded_states(residuals.projection.conditions)
@@ -214,61 +178,43 @@ def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offere
         return ""
     if np.ptp(np.nan_to_num(residuals.projection.view(code).places.positions_mm)) > 0.0:
         return "needs observations at one position over hours in which temperatures change"
-    count = courses(residuals.rows, code)
-    if count >= FEWEST:
-        rows = response_rows(residuals, code)
-        count = len(rows.set_ups)
-    if count < FEWEST:
-        few = judge_records(campaign, residuals, code)
-        if isinstance(few, JudgedRecords) and not few.why_not:
-            return Offered(code, _effect(few.rows, few, residuals), few)
-        why_not = few.why_not if isinstance(few, JudgedRecords) else few
+    rows = response_rows(residuals, code)
+    if len(rows.set_ups) < FEWEST:
         return (
-            f"needs at least {FEWEST} set-ups that each cover an hour with sensor readings, got "
-            f"{count}; a second sensor alone, which fewer show: {why_not}"
+            f"needs at least {FEWEST} set-ups that each cover {SHORTEST_MIN:.0f} min with sensor "
+            "readings, or a record of that length with the datum `absolute`, got "
+            f"{len(rows.set_ups)}"
         )
     judged = judge(rows)
-    if judged.why_not:
-        return "" if judged.is_by_chance else judged.why_not
-    rows = judged.rows
-    return Offered(code, _effect(rows, judged, residuals), judged, causes_of(rows, judged.average))
+    return judged.why_not or Offered(code, _effect(judged, residuals), judged)
 
 
 def _has_learnt_from(effect: Effect, times_s: FloatArray) -> bool:
-    """Whether a response has seen all observations already."""
+    """Whether a response, as it is learnt now, has seen all observations already."""
     valid = effect.valid
-    return valid is not None and bool(
+    is_of_now = any(isinstance(term.driver, Responding) for term in effect.terms)
+    return (is_of_now and valid is not None) and bool(
         valid.from_s <= times_s.min() + 1.0 and times_s.max() - 1.0 <= valid.to_s
     )
 
 
-def _effect(rows: ResponseRows, judged: Judged, residuals: Residuals) -> Effect:
-    driver = rows.driver(
-        judged.average,
-        rows.set_ups,
-        judged.doubt,
-        judged.counted,
-        spares_maps=judged.spares_maps,
-    )
+def _effect(judged: Judged, residuals: Residuals) -> Effect:
+    rows = judged.rows
     unit = COMPONENTS[rows.code].unit
-    before, after = judged.each
-    worst = int(np.argmax(after - before))
-    few = isinstance(judged, JudgedRecords)
-    sensors = dict.fromkeys(c.name for c in rows.columns if not c.is_of_state)
+    _, before, after = judged.each
     effect = Effect(
         kind=Response.kind,
-        variant=OF_RECORDS if few else "",
         components=(rows.code,),
-        sensors=(*sensors, *([rows.own_sensor] if few else [])),
+        sensors=tuple(dict.fromkeys(c.name for c in rows.columns if c.name and not c.is_of_state)),
         states=tuple(dict.fromkeys(c.name for c in rows.columns if c.is_of_state)),
         parameters={
             f"{BEFORE}_{unit}": judged.before_rms,
             f"{AFTER}_{unit}": judged.after_rms,
-            f"{WORST_BEFORE}_{unit}": float(before[worst]),
-            f"{WORST_AFTER}_{unit}": float(after[worst]),
+            f"{WORST_BEFORE}_{unit}": float(before[judged.worst]),
+            f"{WORST_AFTER}_{unit}": float(after[judged.worst]),
             SET_UPS: float(len(rows.set_ups)),
         },
-        terms=(Term(rows.code, driver),),
+        terms=(Term(rows.code, rows.driver(judged.fitted)),),
     )
     use = np.zeros(len(residuals.rows), dtype=np.bool_)
     use[residuals.rows.of_channel(rows.code)] = True
@@ -299,19 +245,27 @@ def beside_search(
         all have one: it is learnt of what that leaves when it has been adopted.
     """
     found = _suspecting(found, known)
+    judged = judge_help(found, found.effects()) if responses.offered else JudgedEffects([])
     named = {o.code: [t.key for t in _named(found, o.code)] for o in responses.offered}
+    left = {o.code: _left_by_adopted(found, judged, o.code) for o in responses.offered}
+    chosen = that_leave_less(found, responses.offered, left)
+    refused = [
+        NotTested(Response.kind, one.code, _why_not_instead(one, left[one.code]))
+        for one in responses.offered
+        if one not in chosen
+    ]
     kept = []
-    for offered, left in that_leave_less(found, responses.offered):
+    for offered in chosen:
         keys = named[offered.code]
-        found = _taking_place(found, offered, keys)
         kinds = tuple(dict.fromkeys(found.hypotheses[key].kind for key in keys))
-        kept.append(replace(offered, instead_of=left, instead_kinds=kinds))
-    return found, replace(responses, offered=tuple(kept))
+        found = _taking_place(found, offered, keys)
+        kept.append(replace(offered, instead_of=left[offered.code], instead_kinds=kinds))
+    return found, Responses(tuple(kept), (*responses.not_testable, *refused))
 
 
 def that_leave_less(
-    found: FinishedSearch, offered: Sequence[Offered]
-) -> list[tuple[Offered, float | None]]:
+    found: FinishedSearch, offered: Sequence[Offered], left: Mapping[str, float | None]
+) -> list[Offered]:
     """Choose the responses that take the place of all that is named on their components.
 
     What acts on several components goes only if each of these has a response that leaves less.
@@ -319,18 +273,28 @@ def that_leave_less(
     that is suspected, or beside which something unexplained is left, stands for something else
     where responses leave less than it does.
 
-    Returns
-    -------
-    list of (Offered, float or None)
-        Each with what the effects leave whose place it takes, from each set-up's zero.
+    Parameters
+    ----------
+    left
+        For each component what its effects leave that would be adopted; None: there are none.
     """
-    left = {one.code: _left_by_named(found, one.code) for one in offered}
     less = {one.code for one in offered if _leaves_less(one, left[one.code])}
     while True:
         kept = {code for code in less if all(_goes(found, t, less) for t in _named(found, code))}
         if kept == less:
-            return [(one, left[one.code]) for one in offered if one.code in kept]
+            return [one for one in offered if one.code in kept]
         less = kept
+
+
+def _why_not_instead(offered: Offered, left: float | None) -> str:
+    """Say what held-out set-ups would be left with, and why a response is not adopted."""
+    judged, symbol = offered.judged, COMPONENTS[offered.code].unit.symbol
+    goes = (
+        f"held-out set-ups would go from {judged.before_rms:.3g} to {judged.after_rms:.3g} {symbol}"
+    )
+    if left is not None and not _leaves_less(offered, left):
+        return f"{goes}, but the effects named there leave {left:.3g} {symbol}"
+    return f"{goes}, but what else is named there is to be put right first, or acts elsewhere too"
 
 
 def _leaves_less(offered: Offered, left: float | None) -> bool:
@@ -422,14 +386,17 @@ def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect
     return total
 
 
-def _left_by_named(found: FinishedSearch, code: str) -> float | None:
-    """Say what the search's effects leave of a component held out, from each set-up's zero.
+def _left_by_adopted(found: FinishedSearch, judged: JudgedEffects, code: str) -> float | None:
+    """Say what effects that would be adopted leave of a component held out, from each zero.
 
-    None where it has named none, or nothing was held out.
+    None where there are none, or nothing was held out.
     """
-    if not _named(found, code):
+    pairs = list(zip(found.effects(), judged.helps, strict=True))
+    if not any(one.helps for effect, one in pairs if code in effect.components):
         return None
-    rows, left = found.residuals.rows, found.rows.values - found.findings.adopted
+    refused = [found.explained(effect) for effect, one in pairs if not one.helps]
+    rows = found.residuals.rows
+    left = found.rows.values - found.findings.adopted + sum(refused, np.zeros(len(found.use)))
     own = rows.of_channel(code)
     parts = [_from_zero(rows.times_s[part], left[part]) for part in _by_visit(rows.visit, own)]
     known = np.concatenate([part[np.isfinite(part)] for part in parts])
