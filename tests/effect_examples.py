@@ -17,8 +17,8 @@ from app.effects.driver import (
     StepAfter,
 )
 from app.effects.effect import Effect
-from app.effects.response_columns import LATE, LATE_MIN, STATE, Column
-from app.effects.response_driver import Responding, written_root
+from app.effects.response_columns import LATE, STATE, Column
+from app.effects.response_driver import Responding, written, written_root
 from app.effects.shape import Everywhere, Rising, Sensitivity, Wave
 from app.effects.term import Term
 from app.effects.valid import Valid
@@ -177,7 +177,11 @@ def response(code, sensor):
 def response_of_all(code):
     """A response of a component to several sensors and the spindle, late by minutes and hours."""
     columns = (
-        *(Column(LATE, name, late) for name in ("x-middle", "y-front") for late in LATE_MIN),
+        *(
+            Column(LATE, name, late)
+            for name in ("x-middle", "y-front")
+            for late in (0.0, 20.0, 80.0)
+        ),
         *(Column(STATE, "spindle_rpm", late) for late in (3.0, 15.0, 90.0, 400.0)),
     )
     amplitudes = (0.6, -0.8, 1.5, 0.3, 0.5, -1.0, 2e-4, 4e-4, 6e-4, 8e-4)
@@ -188,14 +192,13 @@ def _response(code, columns, amplitudes, sensors, states=()):
     driver = Responding(
         columns=columns,
         references_c=(),
-        level_sensor="",
         level_c=22.0,
         ranges=tuple((0.0, 5000.0) if c.is_of_state else (-20.0, 20.0) for c in columns),
-        until_s=(),
-        coefficients=(amplitudes,),
+        days_s=(0.0,),
+        drift_span_s=86400.0,
+        coefficients=written([amplitudes, amplitudes]),
         spread=written_root(1e-12 * np.eye(len(columns))),
         noise=(0.1, 0.01, 300.0, 0.01, 200.0),
-        is_zeroed=True,
         longest_min=240.0,
     )
     told = ("held_out_before_um", "held_out_after_um", "worst_before_um", "worst_after_um")

@@ -274,7 +274,6 @@ class Responding(Driver):
         days, off = np.array(self.days_s), np.array(each) - common
         right = np.searchsorted(days, began_s)
         left = right - 1
-        result: FloatArray = np.tile(common, (len(began_s), 1))
         before, after = left >= 0, right < len(days)
         left, right = np.maximum(left, 0), np.minimum(right, len(days) - 1)
         from_left, from_right, whole = (
@@ -285,7 +284,8 @@ class Responding(Driver):
         both = before & after
         by_left = np.where(both, (from_left - from_right * whole) / within, from_left * before)
         by_right = np.where(both, (from_right - from_left * whole) / within, from_right * after)
-        return result + by_left[:, None] * off[left] + by_right[:, None] * off[right]
+        result: FloatArray = common + by_left[:, None] * off[left] + by_right[:, None] * off[right]
+        return result
 
     @cached_property
     def _reach(self) -> Reach:

@@ -60,6 +60,9 @@ STEPS, MORE_STEPS = 40, 20
 WITHIN: Final = (7.0, 5.0)
 """A logarithm stays within so much below and above where it begins."""
 
+CURVED: Final = 0.1
+"""Step of a logarithm over which the curvature of the misfit is taken."""
+
 HALVINGS: Final = 30
 """A correction is found to a thousand millionth of the range in which it lies."""
 
@@ -83,6 +86,9 @@ class Course:
         Whether an observation at time 0 was subtracted.
     began
         When the set-up began, in any unit.
+    record
+        Set-ups with one number are parts of one record: what it has of its own is common to them,
+        and the wander goes on, their times being those of the record. None: a record by itself.
     """
 
     times_min: FloatArray
@@ -90,6 +96,7 @@ class Course:
     values: FloatArray
     is_zeroed: bool
     began: float = 0.0
+    record: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +164,9 @@ class Response:
         shared = np.tensordot(scales.groups**2, self._grams, 1)
         drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
         result: FloatArray = shared * (1.0 + drift + scales.own**2 * self._same)
-        for rows, inverse_weight, course in self._blocks:
-            noise = scales.noise.covariance(course.times_min, is_zeroed=course.is_zeroed)
-            result[rows, rows] += inverse_weight * noise
+        for rows, times_min, is_zeroed in self._blocks:
+            noise = scales.noise.covariance(times_min, is_zeroed=is_zeroed)
+            result[rows, rows] += self._same[rows, rows] * noise
         return result
 
     def scales(self, logarithms: FloatArray) -> Scales:
@@ -191,9 +198,10 @@ class Response:
         by_shared = half * np.tensordot(scales.groups**2, self._grams, 1)
         by_drift = by_shared * drift
         of_noise = np.zeros(len(scales.noise))
-        for rows, inverse_weight, course in self._blocks:
-            slopes = scales.noise.slopes(course.times_min, is_zeroed=course.is_zeroed)
-            of_noise += [inverse_weight * np.vdot(half[rows, rows], slope) for slope in slopes]
+        for rows, times_min, is_zeroed in self._blocks:
+            weighted = half[rows, rows] * self._same[rows, rows]
+            slopes = scales.noise.slopes(times_min, is_zeroed=is_zeroed)
+            of_noise += [np.vdot(weighted, slope) for slope in slopes]
         slope = np.concatenate(
             [
                 2.0 * scales.groups**2 * [np.vdot(of_shared, gram) for gram in self._grams],
@@ -296,18 +304,30 @@ class Response:
         return result
 
     @cached_property
+    def _record(self) -> IntArray:
+        """The record of each row, shape (n,)."""
+        each = [-1 - i if c.record is None else c.record for i, c in enumerate(self.courses)]
+        return np.array(each)[self.of]
+
+    @cached_property
     def _same(self) -> FloatArray:
-        """Of rows of one set-up the inverse of its weight, else 0, shape (n, n)."""
-        result: FloatArray = (self.of[:, None] == self.of) * self._inverse_weights
+        """Of rows of one record the inverse of their weight, else 0, shape (n, n)."""
+        root = np.sqrt(self._inverse_weights)
+        result: FloatArray = (self._record[:, None] == self._record) * np.outer(root, root)
         return result
 
     @cached_property
-    def _blocks(self) -> list[tuple[slice, float, Course]]:
-        """Each set-up's rows and the inverse of its weight."""
-        edges = np.searchsorted(self.of, np.arange(len(self.courses) + 1)).tolist()
+    def _blocks(self) -> list[tuple[slice, FloatArray, bool]]:
+        """Rows of each record, in which the wander goes on, their times, and whether it is zeroed.
+
+        Records whose rows alternate are taken as several.
+        """
+        times_min = np.concatenate([course.times_min for course in self.courses])
+        edges = np.flatnonzero(np.diff(self._record)) + 1
+        bounds = [0, *edges.tolist(), len(times_min)]
         return [
-            (slice(begin, end), float(self._inverse_weights[begin]), course)
-            for begin, end, course in zip(edges, edges[1:], self.courses, strict=False)
+            (slice(begin, end), times_min[begin:end], self.courses[self.of[begin]].is_zeroed)
+            for begin, end in zip(bounds, bounds[1:], strict=False)
         ]
 
 
@@ -413,10 +433,24 @@ class Fitted:
         weights = (FREEDOM + 1.0) / (FREEDOM + np.array(surprise))
         return replace(response, weights=weights)
 
-    @property
+    @cached_property
     def _of_new(self) -> float:
-        """Variance of a set-up's response beside that of what all have in common."""
-        return 1.0 + self.scales.drift**2 + self.scales.own**2
+        """Variance of a set-up's response beside that of what all have in common.
+
+        ν and ρ are hardly known of few set-ups. Their logarithms being normal, with the variance v
+        that the misfit's curvature says, the mean of the square is exp(2 v) times that of the mode.
+        """
+        n = len(self.response.groups)
+        mean_squares = []
+        for i, prior in ((n, DRIFT), (n + 2, OWN)):
+            step = CURVED * (np.arange(self.logarithms.size) == i)
+            up, down = (
+                float(self.response.misfit_and_slope(self.logarithms + by)[1][i])
+                for by in (step, -step)
+            )
+            variance = 2.0 * CURVED / max(up - down, 2.0 * CURVED / prior[1] ** 2)
+            mean_squares.append(np.exp(2.0 * (self.logarithms[i] + variance)))
+        return 1.0 + float(sum(mean_squares))
 
     def _near(self, began: float) -> FloatArray:
         """Say what a set-up has in common with each row, beside that of two alike, shape (n,)."""

@@ -39,7 +39,7 @@ MARGIN_C: Final = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """One day: its name, times [s], temperatures [°C] by sensor, the diameter [µm] from its start."""
+    """One day: times [s], temperatures [°C] by sensor, the diameter [µm] from its start."""
 
     name: str
     times_s: FloatArray

@@ -13,16 +13,20 @@ from app.effects.past import Past, needed_past
 from app.effects.response_columns import (
     LATE,
     LEVEL,
-    ON,
+    MAPS,
+    OFFSET,
     START,
     STATE,
+    TIME,
     Column,
+    Columns,
     Zero,
     columns_at,
     listed_columns,
 )
-from app.effects.response_driver import Responding, written_root
+from app.effects.response_driver import FORMER, Responding, read, written, written_root
 from app.effects.term import Term
+from app.search.response import least_harm
 from app.thermal.machine import Sensor
 from app.thermal.temperature_history import TemperatureHistory
 
@@ -73,38 +77,55 @@ def test_temperatures_count_from_the_first_reading_whether_or_not_the_machine_st
 
 
 def test_a_state_was_0_before_the_record():
-    for form, full in ((STATE, 2000.0), (ON, 1.0)):
-        values, _ = column(form, "rpm", 40.0, [0.0, 60.0], rest=False)
-        np.testing.assert_allclose(values, [0.0, full * (1.0 - math.exp(-1.5))], rtol=1e-6)
+    values, _ = column(STATE, "rpm", 40.0, [0.0, 60.0], rest=False)
+    np.testing.assert_allclose(values, [0.0, 2000.0 * (1.0 - math.exp(-1.5))], rtol=1e-6)
 
 
 def test_what_a_body_differed_by_at_the_start_dies_out():
     """c was 30 °C where the middle one of the three was 22."""
     values, _ = column(START, "c", 60.0, [61.0, 200.0])
     np.testing.assert_allclose(values, [8.0 * (1 - math.exp(-1)), 8.0 * (1 - math.exp(-199 / 60))])
-    absolute, _ = column(START, "c", 60.0, [61.0], zero=Zero((20.0,) * 6, level_c=20.0))
-    np.testing.assert_allclose(absolute, [-8.0 * math.exp(-1)])
 
 
-def responding(**changes):
-    columns = listed_columns("abc", ["rpm"])
+def test_time_since_the_start_maps_and_a_zero():
+    """Settling within 5 min; maps of 5 µm/K over a, which has risen by 4 (1 − exp(−t/60)) K."""
+    asked = [
+        *(Column(LATE, name, 20.0) for name in "abc"),
+        *(Column(TIME, "", 5.0), Column(MAPS, "a", 0.0), Column(OFFSET, "", 0.0)),
+    ]
+    there = conditions_of(readings(), np.array([300.0, 3600.0]))
+    zero = Zero(maps=((20.0, 0.0), (24.0, 20.0)))
+    found = columns_at(asked, zero, there)
+    np.testing.assert_allclose(found.values[:, 3], 1.0 - np.exp(-found.age_s / 300.0))
+    risen = 4.0 * (1.0 - np.exp(-np.array([5.0, 60.0]) / 60.0))
+    np.testing.assert_allclose(found.values[:, 4], 5.0 * risen, atol=1e-6)
+    assert found.values[:, 5].tolist() == [1.0, 1.0]
+    counted = columns_at(asked, zero._replace(references_c=(0.0,) * 4 + (22.0, 0.0)), there)
+    np.testing.assert_allclose(counted.values[:, 4], 5.0 * (risen - 2.0), atol=1e-6)
+
+
+def responding(maps=(), days=(1.0, 3.0), **changes):
+    columns = listed_columns("abc", ["rpm"], (20.0, 60.0), "a" if maps else "")
     p = len(columns)
     rng = np.random.default_rng(4)
+    means = rng.normal(0, 0.02, (1 + len(days), p))
+    spread = np.diag(rng.uniform(1e-6, 1e-5, p))
+    if maps:
+        means[:, -1] = 0.0
     fields = {
         "columns": columns,
         "references_c": (),
-        "level_sensor": "",
         "level_c": 23.0,
-        "ranges": ((-10.0, 10.0),) * p,
-        "until_s": (1000.0 * 86400.0,),
-        "coefficients": tuple(tuple(row) for row in rng.normal(0, 0.02, (2, p)).tolist()),
-        "spread": written_root(np.diag(rng.uniform(1e-6, 1e-5, p))),
+        "ranges": tuple((-3000.0, 3000.0) for _ in columns),
+        "days_s": tuple(86400.0 * day for day in days),
+        "drift_span_s": 2.0 * 86400.0,
+        "coefficients": written(means),
+        "spread": written_root(spread),
         "noise": (1.0, 0.2, 300.0, 0.2, 200.0),
-        "is_zeroed": True,
         "longest_min": 240.0,
+        "maps": maps,
     }
-    wide = tuple((-3000.0, 3000.0) for _ in columns)
-    return Responding(**(fields | {"ranges": wide} | changes))
+    return Responding(**(fields | changes))
 
 
 def effect(driver):
@@ -149,10 +170,10 @@ def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_
     there = conditions_of(readings(), np.array([9000.0]))
     (sure,) = sureness(effect(responding()), there)
     told = responding().expected(there)
-    square = sure.expected**2
-    expected = square / (square + sure.learnt_error**2 + sure.wander_error**2)
-    assert 0.0 < expected < 1.0
-    assert sure.corrected == pytest.approx(expected * sure.expected)
+    sd = np.hypot(told.learnt, told.wander)
+    expected = least_harm(told.mean, sd, np.zeros(1))[0]
+    assert 0.0 < expected / sure.expected < 1.0
+    assert sure.corrected == pytest.approx(expected)
     assert responding().at(there)[0] == pytest.approx(sure.corrected)
     assert not told.is_held.any()
     wide = written_root(1e-3 * np.eye(len(responding().columns)))
@@ -160,36 +181,51 @@ def test_a_correction_is_smaller_than_what_was_learnt_and_the_table_says_by_how_
     assert abs(unsure.corrected[0]) < abs(sure.corrected)
 
 
-def test_a_jump_as_set_ups_begin_is_stated_and_nothing_is_corrected_less_for_it():
-    there = conditions_of(readings(), np.array([600.0, 9000.0]))
-    plain = responding()
-    noise = plain.noise
-    jumping = responding(noise=(*noise, 3.0)).expected(there)
-    before = plain.expected(there)
-    share = 1.0 - np.exp(-np.array([10.0, 150.0]) / 4.0)  # of a jump within some 4 minutes
-    expected = np.sqrt(before.wander**2 + (3.0 * share) ** 2)
-    np.testing.assert_allclose(jumping.wander, expected, rtol=1e-9)
-    np.testing.assert_array_equal(jumping.corrected, before.corrected)
-
-
-def test_what_is_not_sure_goes_half_back_to_the_maps_and_half_to_the_start():
-    """Maps of 5 µm/K over a, which has risen by 4 (1 − exp(−2.5)) K; by hand."""
+def test_what_is_not_sure_stays_between_the_maps_and_nothing():
+    """Maps of 5 µm/K over a, which has risen by 4 (1 − exp(−2.5)) K."""
     there = conditions_of(readings(), np.array([9000.0]))
     maps = ((10.0, -50.0), (20.0, 0.0), (30.0, 50.0))
-    told = responding(maps_sensor="a", maps=maps).expected(there)
-    said = 5.0 * 4.0 * (1.0 - math.exp(-2.5))
-    variance = told.learnt[0] ** 2 + told.wander[0] ** 2
-    mean = told.mean[0]
-    beside, whole = (x**3 / (x**2 + variance) for x in (mean, said + mean))
-    assert told.corrected[0] == pytest.approx(0.5 * (beside + whole - said), rel=1e-3)
-    unsure = responding(
-        maps_sensor="a", maps=maps, spread=written_root(1e6 * np.eye(len(told_columns())))
-    ).expected(there)
-    assert unsure.corrected[0] == pytest.approx(-0.5 * said, rel=1e-3)
+    one = responding(maps=maps)
+    told = one.expected(there)
+    said = np.full(1, 5.0 * 4.0 * (1.0 - math.exp(-2.5)))
+    sd = np.hypot(told.learnt, told.wander)
+    expected = least_harm(said + told.mean, sd, np.zeros(1), said) - said
+    np.testing.assert_allclose(told.corrected, expected, rtol=1e-3)
+    wide = written_root(1e6 * np.eye(len(one.columns)))
+    for beyond, limit in ((200.0, 0.0), (-200.0, -said[0])):
+        means = np.zeros((3, len(one.columns)))
+        means[:, 0] = beyond
+        unsure = responding(maps=maps, spread=wide, coefficients=written(means)).expected(there)
+        assert unsure.corrected[0] == pytest.approx(limit, abs=1e-3)
 
 
-def told_columns():
-    return responding().columns
+def test_a_response_of_an_earlier_version_is_kept_and_said_to_be_learnt_anew():
+    """No table silently becomes another one: it is missing, with what to do."""
+    driver = {
+        "name": "response",
+        "columns": [["late", "a", 0.0], ["off maps", "b", 4.0]],
+        "references_c": [],
+        "level_sensor": "",
+        "level_c": 20.0,
+        "ranges": [[0.0, 1.0], [0.0, 1.0]],
+        "until_s": [],
+        "coefficients": [[1.0, 2.0]],
+        "spread": "",
+        "noise": [1.0, 1.0, 300.0, 1.0, 200.0, 3.0],
+        "is_zeroed": True,
+        "longest_min": 240.0,
+        "in_maps": ["a", [20.0], [[20.0]], True],
+    }
+    stored = effect(responding()).to_json()
+    stored["terms"][0]["driver"] = driver
+    one = effect_from_json(json.loads(json.dumps(stored)))
+    assert driver.items() <= json.loads(json.dumps(one.to_json()))["terms"][0]["driver"].items()
+    there = conditions_of(readings(), np.array([9000.0]))
+    former = one.terms[0].driver
+    assert np.isnan(former.at(there)).all()
+    assert former.why_missing(there) == FORMER
+    assert "analyse again" in FORMER
+    assert not sureness(one, there)
 
 
 def test_a_column_is_held_half_its_span_beyond_where_it_was_learnt():
@@ -197,13 +233,15 @@ def test_a_column_is_held_half_its_span_beyond_where_it_was_learnt():
     there = conditions_of(readings(), np.array([9000.0]))
     outside = narrow.farthest(there)
     assert narrow.expected(there).is_held.all()
-    assert outside.column == Column(STATE, "rpm", 3.0)
+    assert outside.column == Column(STATE, "rpm", 5.0)
     assert outside.is_beyond.all()
     assert responding().farthest(there) is None
     assert narrow.farthest(there.take(np.empty(0, dtype=np.intp))) is None
-    values = np.clip(columns_at(narrow.columns, Zero(level_c=23.0), there).values[0], -2.0, 2.0)
+    values = np.clip(columns_at(narrow.columns, narrow.zero, there).values, -2.0, 2.0)
+    began_s = np.zeros(1)
+    asked = Columns(values, np.full(1, 9000.0))
     assert narrow.expected(there).mean[0] == pytest.approx(
-        values @ np.array(narrow.coefficients[0])
+        responding().expected_of(asked, began_s).mean[0], rel=1e-6
     )
 
 
@@ -221,10 +259,20 @@ def test_without_its_past_it_is_missing():
     assert responding().why_missing(there) == "no record of a up to that time"
 
 
-def test_after_a_date_the_response_is_another():
-    later = responding(until_s=(0.0,))
-    there = conditions_of(readings(), np.array([9000.0]))
-    assert later.at(there)[0] != responding().at(there)[0]
+def test_between_days_the_response_follows_the_bridge_of_a_markov_process():
+    """Conditioning normal values of covariance exp(−|t|/span) on three days, by algebra."""
+    one = responding(days=(1.0, 2.0, 5.0))
+    means = read(one.coefficients).reshape(4, -1)
+    days = np.array([1.0, 2.0, 5.0])
+
+    def alike(a, b):
+        return np.exp(-np.abs(np.subtract.outer(a, b)) / 2.0)
+
+    for day in (0.5, 1.0, 1.25, 3.0, 4.9, 8.0):
+        weights = np.linalg.solve(alike(days, days), alike(days, np.array([day])))[:, 0]
+        expected = means[0] + weights @ (means[1:] - means[0])
+        found = one._coefficients_at(np.array([86400.0 * day]))[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_level_multiplies_the_rise():

@@ -1,4 +1,4 @@
-"""A second source of heat that one run shows: named, held to, and found on another run."""
+"""A second source of heat that one run shows: learnt of stretches, and found on another run."""
 
 import json
 from dataclasses import replace
@@ -9,13 +9,10 @@ import pytest
 
 from app.arrays import rms
 from app.effects.effect import effect_from_json
-from app.effects.kinds.response import OF_RECORDS
 from app.effects.observations import Observation, Verification
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.identification.analysis import response_records
-from app.identification.analysis.response_judged import CARES
-from app.identification.analysis.response_records import JudgedRecords, judge_records
+from app.identification.analysis.response_rows import STRETCHES, response_rows
 from app.identification.analysis.responses import find_responses
 from app.identification.campaign import Campaign, residuals_of
 from app.thermal.compile_model import compile_model
@@ -107,15 +104,12 @@ def learnt(seed=0):
     return known, found
 
 
-def test_one_run_without_history_names_the_bed_and_predicts_another_start():
+def test_one_run_without_history_predicts_another_start():
     known, found = learnt()
     (offered,) = found.offered
-    assert offered.effect.sensors == ("bed", "frame")
-    assert offered.effect.variant == OF_RECORDS
+    assert set(offered.effect.sensors) == set(NAMES)
     assert offered.found.helps
-    # Of one run the name stays suspected: nobody knows how set-ups differ.
-    assert offered.found.status == "suspected"
-    assert "also follows bed" in offered.found.explanation
+    assert len(offered.judged.rows.set_ups) == STRETCHES
     other = run(9, room_c=21.0, hot_min=70, bed_c=85.0, day=3, minutes=240)
     asked = campaign(other, maps_of=known)
     before = rms(residuals_of(asked).values)
@@ -134,33 +128,19 @@ def test_it_is_stored_and_read_as_it_was():
     assert np.array_equal(one, other)
 
 
-def test_a_sensor_that_moved_only_when_the_machine_was_switched_on_is_not_tried():
-    known = run(0)
-    one = campaign(known)
-    judged = judge_records(one, residuals_of(one), "EZZ")
-    assert isinstance(judged, JudgedRecords)
-    assert judged.tried == 2  # bed and chamber
-
-
-def test_stretches_are_learnt_once_for_all_degrees_of_caution(monkeypatch):
-    """Where none of these will do: two sensors, a wander from two starts, and ten stretches."""
-    begun = []
-    learn = response_records.Response.learn
-    monkeypatch.setattr(JudgedRecords, "is_worse", np.ones(1, dtype=np.bool_))
-    monkeypatch.setattr(
-        response_records.Response, "learn", lambda *given: begun.append(0) or learn(*given)
+def test_samples_sent_one_by_one_are_the_record_that_they_would_be_together():
+    known = campaign(run(0))
+    (whole,) = known.verifications
+    apart = [Verification(f"sample {i}", [o]) for i, o in enumerate(whole.observations)]
+    one, other = (
+        response_rows(residuals_of(replace(known, verifications=each)), "EZZ")
+        for each in ([whole], apart)
     )
-    one = campaign(run(0))
-    judged = judge_records(one, residuals_of(one), "EZZ")
-    assert judged.care == CARES[0]
-    assert judged.tried == 2
-    assert len(begun) == judged.tried + 2 + response_records.STRETCHES
-
-
-def test_where_nothing_teaches_while_a_stretch_is_held_out_that_is_said(monkeypatch):
-    monkeypatch.setattr(response_records, "STRETCHES", 1)
-    one = campaign(run(0))
-    assert "nothing is left to learn from" in judge_records(one, residuals_of(one), "EZZ")
+    assert one.columns == other.columns
+    for a, b in zip(one.set_ups, other.set_ups, strict=True):
+        np.testing.assert_array_equal(a.values, b.values)
+        np.testing.assert_array_equal(a.found.values, b.found.values)
+        assert a.record == b.record == 0
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -11,18 +11,14 @@ import pytest
 from app.arrays import rms
 from app.effects.adopted.carry_over import without_replaced
 from app.effects.observations import Observation, Verification
+from app.effects.response_columns import MAPS
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.identification.analysis import response_judged, responses
 from app.identification.analysis import response_rows as response_rows_module
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.response_judged import Judged, judge
-from app.identification.analysis.response_rows import (
-    courses,
-    response_rows,
-    unrecorded_states,
-)
-from app.identification.analysis.responses import find_responses
+from app.identification.analysis.response_rows import response_rows, unrecorded_states
+from app.identification.analysis.responses import find_responses, that_leave_less
 from app.identification.campaign import Campaign, residuals_of
 from app.search.findings import Status
 from app.search.rows import Datum
@@ -141,31 +137,15 @@ def test_a_response_is_found_and_said_as_what_it_is(answer):
     assert answer.verdict != "nothing-found"
 
 
-def test_its_causes_are_said_each_with_its_own_evidence(answer):
+def test_its_causes_are_said_with_what_they_amount_to(answer):
+    """Room and speed drive; the spindle's sensor stands in for the speed."""
     (found,) = answer.effects
-    kinds = [c for c in found.causes if c.claim == "kind"]
-    assert len(kinds) == 4
-    for kind in kinds:
-        assert ("not needed" in kind.sentence) is (kind.two_ln_bayes_factor < 6.0)
-    (temperatures,) = (c for c in kinds if "temperatures" in c.sentence)
-    assert temperatures.two_ln_bayes_factor > 20.0
-    named = [c.names for c in found.causes if c.claim == "driver"]
-    assert ("room",) in named
-    assert ("bed",) not in named
-
-
-def test_what_it_amounts_to_is_true_within_its_error(answer):
-    """5 µm/K of the room half an hour late, 6 µm per 1000 1/min an hour late, by hand."""
-    (found,) = answer.effects
-    room, speed = (
-        next(c for c in found.causes if c.claim == "amount" and c.names == (name,))
-        for name in ("room", "spindle_rpm")
-    )
-    warmer_k = float(room.sentence.split(" K warmer")[0].split()[-1])
-    assert abs(room.value - 5.0 * warmer_k * (1.0 - np.exp(-2.0))) < 3.0 * room.error
-    assert "3000 instead of 1000 1/min" in speed.sentence
-    assert abs(speed.value - 12.0 * (1.0 - np.exp(-1.0))) < 3.0 * speed.error
-    assert speed.error < 4.0
+    assert {c.claim for c in found.causes} == {"kind"}
+    sentences = [c.sentence for c in found.causes]
+    (temperatures,) = (one for one in sentences if "temperatures" in one)
+    assert "µm (root mean square)" in temperatures
+    assert [c.names for c in found.causes if c.names] == [("spindle_rpm",)]
+    assert any("not needed" in one for one in sentences)
 
 
 def test_adopted_it_helps_on_days_that_nobody_has_seen(answer):
@@ -204,8 +184,8 @@ def test_where_nothing_drives_nothing_is_found(wander):
 
 
 @pytest.mark.slow
-def test_variances_that_set_ups_held_out_belie_are_stated_larger():
-    """One run in which the instrument crept away: what is said of all others is less sure."""
+def test_one_odd_run_hardly_changes_what_is_corrected_in_others():
+    """One run in which the instrument crept away by 60 µm: it counts less, and is foretold none."""
     asked = campaign(6, drives=1.0)
     odd = asked.verifications[4]
     moved = [
@@ -213,50 +193,17 @@ def test_variances_that_set_ups_held_out_belie_are_stated_larger():
         for i, o in enumerate(odd.observations)
     ]
     strange = [*asked.verifications[:4], replace(odd, observations=moved), *asked.verifications[5:]]
-    judged = [
+    plain, strained = (
         judge(response_rows(residuals_of(one), "EXX"))
         for one in (asked, replace(asked, verifications=strange))
-    ]
-    assert judged[0].doubt < 1.5 < judged[1].doubt
-    assert judged[1].usual < 1.5  # the others are corrected as before
-    one = judged[1]
-    still = one.average.jumping(0.0)  # which doubt leaves as it is
-    driver = one.rows.driver(still, one.rows.set_ups, one.doubt)
-    plain = one.rows.driver(still, one.rows.set_ups)
-    found = one.rows.set_ups[0]
-    told, sure = (d.expected_of(found.found, found.times_s) for d in (driver, plain))
-    np.testing.assert_allclose(told.learnt, np.sqrt(one.doubt) * sure.learnt, rtol=1e-5)
-    np.testing.assert_allclose(told.wander, np.sqrt(one.doubt) * sure.wander)
-    assert (np.abs(told.corrected) <= np.abs(sure.corrected) + 1e-9).all()
-
-
-@pytest.mark.slow
-def test_what_differs_each_time_the_machine_is_switched_on_is_stated_from_the_first_minutes():
-    """Each run is off by 5 µm or so from its second observation on, by hand."""
-    random = np.random.default_rng(7)
-    asked = campaign(6, drives=1.0)
-    by_um = random.normal(0.0, 5.0, len(asked.verifications)).tolist()
-    runs = [
-        replace(
-            one,
-            observations=[
-                replace(o, measured=(o.measured[0] + by * (i > 0),))
-                for i, o in enumerate(one.observations)
-            ],
-        )
-        for one, by in zip(asked.verifications, by_um, strict=True)
-    ]
-    still, jumping = (
-        judge(response_rows(residuals_of(one), "EXX"))
-        for one in (asked, replace(asked, verifications=runs))
     )
-    assert still.average.noise.jump < 1.0
-    assert 2.5 < jumping.average.noise.jump < 10.0
-    one = jumping.rows.set_ups[0]
-    driver = jumping.rows.driver(jumping.average, jumping.rows.set_ups, jumping.doubt)
-    told = driver.expected_of(one.found, one.times_s, one.maps)
-    assert told.wander[0] == 0.0  # it reads zero there
-    assert told.wander[1] > 0.8 * jumping.average.noise.jump
+    assert strained.fitted.response.weights[4] < 0.4
+    assert not strained.why_not
+    others = [i for i in range(12) if i != 4]
+    after = [rms(np.concatenate([one.after[i] for i in others])) for one in (plain, strained)]
+    before = rms(np.concatenate([plain.before[i] for i in others]))
+    assert after[0] < 0.4 * before
+    assert after[1] < 0.6 * before
 
 
 @pytest.mark.slow
@@ -265,11 +212,9 @@ def test_maps_that_harm_are_not_what_is_fallen_back_on():
     rows = response_rows(residuals_of(campaign(4, drives=1.0, slope=-10.0)), "EXX")
     judged = judge(rows)
     assert not judged.why_not
-    assert not judged.spares_maps
-    assert not judged.is_worse_than_none.any()
-    by_maps = np.array([rms(one) for one in judged.before])
-    raw = np.array([rms(one) for one in judged.uncompensated])
+    raw, by_maps, after = judged.each
     assert (by_maps > raw).sum() >= 3
+    assert (after < 1.1 * raw + 1.0).all()
 
 
 @pytest.mark.slow
@@ -277,21 +222,26 @@ def test_what_is_judged_of_maps_is_what_a_live_table_makes_of_them():
     asked = campaign(4, drives=1.0, slope=-10.0)
     rows = response_rows(residuals_of(asked), "EXX")
     judged = judge(rows)
-    driver = rows.driver(judged.average, rows.set_ups, judged.doubt)
+    driver = rows.driver(judged.fitted)
     conditions = residuals_of(asked).projection.conditions
     live = dict(zip(conditions.times_s.tolist(), driver.at(conditions).tolist(), strict=True))
+    by_maps = [c.form for c in rows.columns].index(MAPS)
     for one in rows.set_ups:
-        told = driver.expected_of(one.found, one.times_s, one.maps)
+        began_s = np.full(len(one.times_s), one.began_s)
+        told = driver.expected_of(one.found, began_s)
         np.testing.assert_allclose(told.corrected, [live[t] for t in one.times_s], atol=1e-6)
+        learnt = judged.fitted.predict(one.found.values, one.began_s)
+        np.testing.assert_allclose(told.mean, learnt.mean, atol=1e-4)
         said = one.measured - one.values
-        np.testing.assert_allclose(one.maps - one.maps[0], said - said[0], atol=1e-3)
+        maps = one.found.values[:, by_maps]
+        np.testing.assert_allclose(maps - maps[0], said - said[0], atol=1e-3)
 
 
 def test_where_the_policy_allows_no_maps_they_are_held(monkeypatch):
     """Asked a hundred kelvins beyond them, where the machine extrapolates 30 K."""
     monkeypatch.setattr(response_rows_module, "BEYOND", 10.0)
     rows = response_rows(residuals_of(campaign(4, drives=1.0, slope=-10.0)), "EXX")
-    temperatures_c, errors = np.array(rows.maps).T
+    temperatures_c, errors = np.array(rows.zero.maps).T
     assert np.isfinite(errors).all()
     assert len(errors) < response_rows_module.MAP_STEPS
     assert temperatures_c.min() > 15.0 - 31.0
@@ -311,34 +261,32 @@ def test_runs_that_one_verification_states_as_set_ups_are_as_many_courses():
         assert b.is_zeroed
         np.testing.assert_array_equal(a.course.values, b.course.values)
         np.testing.assert_array_equal(a.course.columns, b.course.columns)
-    assert courses(residuals_of(together).rows, "EXX") == 8
 
 
-def test_what_is_markedly_worse_does_not_depend_on_how_much_caution_leaves():
-    """A caution that leaves 5 µm of most set-ups does not excuse that one loses 2 µm."""
-    sizes = [np.array([size]) for size in (1.0, 9.0, 9.0)]
-    after = [np.array([size]) for size in (3.0, 5.0, 5.0)]
-    judged = Judged(None, None, 1.0, 1.0, 1.0, False, 2.0, sizes, sizes, after)
-    assert judged.is_worse.tolist() == [True, False, False]
-    assert judged.is_worse_than_none.tolist() == [True, False, False]
-    assert replace(judged, typical=5.0).is_worse.tolist() == [False, False, False]
+def test_one_set_up_far_worse_than_foretold_is_reason_enough():
+    """The others gain by half; one goes from 2 to 9 µm where an error of 3 µm was foretold."""
+    sizes = [*([10.0] * 11), 2.0]
+    set_ups = [SimpleNamespace(is_zeroed=True, label=f"run {i}") for i in range(12)]
+    before = [np.array([size, -size]) for size in sizes]
+    rows = SimpleNamespace(set_ups=set_ups)
+
+    def judged(last, raw=before, foretold=3.0):
+        after = [*(one / 2.0 for one in before[:-1]), np.array([last, -last])]
+        return Judged(rows, None, raw, before, after, np.full(12, foretold))
+
+    assert judged(7.9).why_not == ""
+    assert "'run 11' would be left with 9" in judged(9.0).why_not
+    assert "go from 9.59 to" in judged(9.0).why_not
+    assert judged(9.0, foretold=3.6).why_not == ""
+    # Worse than without any correction, although better than by the maps.
+    raw = [*(one / 10.0 for one in before[:-1]), before[-1]]
+    assert "no correction 1," in judged(2.0, raw, foretold=1.0).why_not
 
 
-@pytest.mark.parametrize(
-    ("left", "refused", "expected"),
-    [((5.0, 4.0), ("", ""), True), ((4.0, 5.0), ("", ""), False), ((5.0, 4.0), ("", "no"), False)],
-)
-def test_whether_set_ups_jump_is_decided_by_set_ups_held_out(monkeypatch, left, refused, expected):
-    def judged(rows):
-        return SimpleNamespace(rows=rows, after_rms=left[rows.jumps], why_not=refused[rows.jumps])
-
-    monkeypatch.setattr(response_judged, "_judge", judged)
-    rows = response_rows(residuals_of(campaign(3, runs=8)), "EXX")
-    assert judge(rows).rows.jumps is expected
-    assert rows.response.jumps is False
-    assert replace(rows, jumps=True).response.jumps
-    still = [replace(one, is_zeroed=False) for one in rows.set_ups]
-    assert not judge(replace(rows, set_ups=still)).rows.jumps
+def test_what_is_not_adopted_says_what_set_ups_would_be_left_with():
+    (said,) = find_responses(campaign(12, wander=3.0)).not_testable
+    assert said.reason.startswith("held-out set-ups would go from ")
+    assert "gain" in said.reason or "chance" in said.reason
 
 
 class Named(NamedTuple):
@@ -356,10 +304,11 @@ class Named(NamedTuple):
         (Status.CONFIRMED, [], {"EXX": 9.0, "EZZ": 9.0}, []),
         (Status.CONFIRMED, [1], {"EXX": 9.0, "EZZ": 9.0}, ["EXX", "EZZ"]),
         (Status.SUSPECTED, [], {"EXX": 9.0, "EZZ": 3.0}, []),
+        (Status.SUSPECTED, [], {"EXX": None, "EZZ": None}, ["EXX", "EZZ"]),  # none is adopted
     ],
 )
 def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
-    monkeypatch, status, unexplained, left, expected
+    status, unexplained, left, expected
 ):
     """Clocks apart show in X and Z; each has a response that leaves 5 µm."""
     clocks = SimpleNamespace(kind="clock-offset", components=("EXX", "EZZ"))
@@ -372,8 +321,7 @@ def test_what_acts_on_two_components_goes_only_if_both_have_a_better_response(
     offered = [
         SimpleNamespace(code=code, judged=SimpleNamespace(after_rms=5.0)) for code in ("EXX", "EZZ")
     ]
-    monkeypatch.setattr(responses, "_left_by_named", lambda _, code: left[code])
-    assert [one.code for one, _ in responses.that_leave_less(found, offered)] == expected
+    assert [one.code for one in that_leave_less(found, offered, left)] == expected
 
 
 def test_a_state_that_only_observations_state_is_said_to_take_no_part():
@@ -395,9 +343,9 @@ def test_a_state_that_only_observations_state_is_said_to_take_no_part():
 
 
 def test_few_set_ups_are_said():
-    found = find_responses(campaign(3, runs=7, drives=1.0))
+    found = find_responses(campaign(3, runs=5, drives=1.0))
     assert not found.offered
-    assert "needs at least 8 set-ups" in found.not_testable[0].reason
+    assert "needs at least 6 set-ups" in found.not_testable[0].reason
 
 
 def test_a_component_of_which_no_observation_can_be_used_is_said():

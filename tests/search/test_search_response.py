@@ -1,208 +1,279 @@
-"""A response of many drivers, against formulas of dense Gaussian processes and limiting cases."""
+"""A response of many drivers, against dense Gaussian processes and limiting cases."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from app.search.response import Course, Prior, Response
-from app.search.response_average import FEWER, Predicted, caution, learn_average
+from app.search.response import (
+    Course,
+    Fitted,
+    Group,
+    Response,
+    learn_response,
+    least_harm,
+)
 from app.search.wander import Wander
 
 NOISE = Wander(0.7, 2.0, 120.0, 3.0, 60.0)
-SCALES = np.array([1.5, 0.4])
-GROUPS = np.array([0, 0, 1, 1, 1])
+EXPECTED = np.array([0.0, 0.0, 0.0, 0.0, -0.5])
 
 
-def some_courses(seed=3, count=5, noise=1.0):
+def groups():
+    """Two columns of one scale, the difference of two, and one whose scale is given."""
+    one, other = np.eye(5)[:, :2], np.array([[0.0, 0.0, 1.0, -1.0, 0.0]]).T
+    maps = np.eye(5)[:, 4:]
+    return [Group("a", one, one), Group("b", other, one), Group("c", maps, maps, 0.5)]
+
+
+def some_courses(seed=3, count=5, slopes=(2.0, -1.0, 0.3, -0.3, 0.1), noise=1.0):
     random = np.random.default_rng(seed)
     courses = []
     for i in range(count):
         times = np.sort(random.uniform(5.0, 300.0, random.integers(6, 12)))
         columns = random.normal(size=(times.size, 5))
-        values = columns @ np.array([2.0, -1.0, 0.3, 0.0, 0.1])
-        values = values + noise * random.normal(size=times.size)
-        courses.append(Course(times, columns, values, bool(i % 2), float(i)))
+        values = columns @ np.array(slopes) + noise * random.normal(size=times.size)
+        courses.append(Course(times, columns, values, bool(i % 2), 3.0 * i))
     return courses
 
 
-def dense(courses, noise):
-    """All set-ups as one matrix: observations, those of the zeros included, and differences."""
-    total = sum(c.values.size for c in courses)
-    covariance, at = np.zeros((total, total)), 0
-    for course in courses:
-        n = course.values.size
-        t = np.append(course.times_min, 0.0)
-        own = noise.over(t[:, None] - t[None, :]) + noise.white**2 * np.eye(n + 1)
-        differences = np.hstack([np.eye(n), -np.ones((n, 1)) * course.is_zeroed])
-        covariance[at : at + n, at : at + n] = differences @ own @ differences.T
-        at += n
-    columns = np.vstack([c.columns for c in courses])
-    return covariance, columns, np.concatenate([c.values for c in courses])
+def response(**changes):
+    return replace(Response(some_courses(), groups(), EXPECTED), **changes)
 
 
-def test_the_misfit_is_that_of_one_normal_distribution():
-    """Rasmussen and Williams 2006, equation 2.30, without n/2 log 2π."""
-    courses = some_courses()
-    covariance, columns, values = dense(courses, NOISE)
-    whole = covariance + columns * SCALES[GROUPS] ** 2 @ columns.T
-    expected = 0.5 * values @ np.linalg.solve(whole, values) + 0.5 * np.linalg.slogdet(whole)[1]
-    found = Response(courses, GROUPS).misfit(Prior(NOISE, SCALES))
-    assert found == pytest.approx(expected, rel=1e-10)
+LOGARITHMS = np.log([1.5, 0.4, 0.3, 0.4, 5.0, 0.3, *NOISE])
 
 
-def test_coefficients_are_those_of_conditioning_the_normal_distribution():
-    """Rasmussen and Williams 2006, equations 2.25 and 2.26, in the coefficients."""
-    courses = some_courses()
-    covariance, columns, values = dense(courses, NOISE)
-    prior = np.diag(SCALES[GROUPS] ** 2)
-    gain = prior @ columns.T @ np.linalg.inv(covariance + columns @ prior @ columns.T)
-    found = Response(courses, GROUPS).posterior(Prior(NOISE, SCALES), weighs=False)
-    np.testing.assert_allclose(found.mean, gain @ values, rtol=1e-8)
-    np.testing.assert_allclose(found.covariance, prior - gain @ columns @ prior, atol=1e-10)
-
-
-def test_without_wander_and_with_a_wide_prior_it_is_least_squares():
-    courses = [Course(c.times_min, c.columns, c.values, False) for c in some_courses()]
-    still = Wander(1.0, 1e-9, 60.0, 1e-9, 60.0)
-    found = Response(courses, GROUPS).posterior(Prior(still, np.full(2, 1e5)), weighs=False)
-    columns = np.vstack([c.columns for c in courses])
-    expected = np.linalg.lstsq(columns, np.concatenate([c.values for c in courses]), rcond=None)[0]
-    np.testing.assert_allclose(found.mean, expected, rtol=1e-6)
-
-
-@pytest.mark.parametrize("noise", [NOISE[:5], NOISE._replace(jump=1.5)])
-def test_the_slope_of_the_misfit_is_its_difference(noise):
-    response = Response(some_courses(), GROUPS)
-    logs = np.log(np.concatenate([noise, SCALES]))
-    _, slope = response.misfit_and_slope(Prior(Wander(*noise), SCALES))
-
-    def at(i, step):
-        moved = np.exp(logs + step * np.eye(logs.size)[i])
-        return response.misfit(Prior(Wander(*moved[:-2]), moved[-2:]))
-
-    expected = [(at(i, 1e-5) - at(i, -1e-5)) / 2e-5 for i in range(logs.size)]
-    np.testing.assert_allclose(slope, expected, rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize("jump", [0.0, 4.0])
-def test_where_set_ups_may_jump_the_jump_is_learnt(jump):
-    """Of thirty set-ups that jump by 4 or not at all; otherwise it is 0 whatever they do."""
-    random = np.random.default_rng(5)
-    courses = [
-        Course(c.times_min, c.columns, c.values + jump * random.normal(), True, c.began)
-        for c in some_courses(count=30, noise=0.5)
+def dense(one, logarithms):
+    """All rows as one matrix, by the equations of the module: row by row, and no algebra."""
+    s = one.scales(logarithms)
+    rows = [
+        (i, course, j) for i, course in enumerate(one.courses) for j in range(len(course.values))
     ]
-    found = Response(courses, GROUPS, jumps=True).learn().prior.noise
-    assert found.jump == pytest.approx(jump, abs=1.2)
-    assert Response(courses, GROUPS).learn().prior.noise.jump == 0.0
-    fewer = Response(courses, GROUPS, jumps=True).without_groups([0]).without(3)
-    assert fewer.jumps
-
-
-def test_leaving_a_set_up_out_is_a_subtraction():
-    response, prior = Response(some_courses(), GROUPS), Prior(NOISE, SCALES)
-    left_out = response.posterior(prior, response.normal(NOISE).without(2))
-    anew = response.without(2).posterior(prior)
-    np.testing.assert_allclose(left_out.mean, anew.mean, rtol=1e-8)
-    np.testing.assert_allclose(left_out.covariance, anew.covariance, atol=1e-12)
-
-
-def test_a_set_up_that_does_not_fit_counts_less():
-    courses = some_courses(count=8, noise=0.3)
-    odd = courses[4]
-    courses[4] = Course(odd.times_min, odd.columns, odd.values + 40.0, odd.is_zeroed, odd.began)
-    weights = Response(courses, GROUPS).posterior(Prior(NOISE, SCALES)).weights
-    assert np.argmin(weights) == 4
-    assert weights[4] < 0.2 < 0.8 < np.delete(weights, 4).min()
-
-
-def campaign(seed, size=0.0, changed=0.0, count=14):
-    """Set-ups with two sensors, one of which drives; the instrument wanders."""
-    random = np.random.default_rng(seed)
-    times = np.arange(10.0, 301.0, 15.0)
-    courses = []
-    for i in range(count):
-        rise = random.choice([-10.0, -6.0, 6.0, 10.0], 2) * (1.0 - np.exp(-times / 80.0))[:, None]
-        columns = np.column_stack([rise, rise[:, :1] + random.normal(0.0, 0.2, (times.size, 1))])
-        own = size * (1.0 + changed * (i >= 7))
-        covariance = NOISE.covariance(times[None], np.ones(1, dtype=bool))[0]
-        values = own * rise[:, 0] + np.linalg.cholesky(covariance) @ random.normal(size=times.size)
-        courses.append(Course(times, columns, values, True, float(i)))
-    return Response(courses, np.array([0, 0, 1]))
-
-
-def test_what_is_learnt_of_noise_and_scales_makes_a_set_up_left_out_foreseen():
-    response = campaign(1, size=3.0)
-    learnt = learn_average(response.without(0), np.empty(0, dtype=np.intp))
-    found = learnt.predict(response.courses[0])
-    left = response.courses[0].values - found.mean
-    assert np.sqrt(np.mean(left**2)) < 0.5 * np.sqrt(np.mean(response.courses[0].values ** 2))
-    assert np.mean(np.abs(left) < 2.0 * np.hypot(found.learnt, found.wander)) > 0.9
-    assert learnt.dates == {None: 1.0}
-
-
-def test_a_change_is_dated_and_each_side_has_its_own_response():
-    response = campaign(2, size=2.0, changed=1.0)
-    learnt = learn_average(response, np.array([0, 1]))
-    assert sum(share for date, share in learnt.dates.items() if date in (6.0, 7.0, 8.0)) > 0.9
-    course = response.courses[0]
-    drive = course.columns[:, 0]
-    for began, size in ((0.0, 2.0), (13.0, 4.0)):
-        own = Course(course.times_min, course.columns, course.values, True, began)
-        slope = learnt.predict(own).mean @ drive / (drive @ drive)
-        assert slope == pytest.approx(size, abs=0.8)
-
-
-@pytest.mark.slow
-def test_where_nothing_drives_little_is_corrected():
-    """The caution leaves nearly nothing of what wander alone suggests."""
-    sizes = []
-    for seed in range(6):
-        response = campaign(seed)
-        learnt = learn_average(response.without(0), np.array([0, 1]))
-        found = learnt.predict(response.courses[0])
-        sizes.append(np.abs(found.mean * found.factor).max())
-    assert np.median(sizes) < 0.3
-
-
-def test_larger_multiplies_all_variances():
-    times, is_zeroed = np.array([[10.0, 60.0, 300.0]]), np.ones(1, dtype=bool)
-    found = NOISE.larger(2.5).covariance(times, is_zeroed)
-    np.testing.assert_allclose(found, 2.5 * NOISE.covariance(times, is_zeroed))
-
-
-def test_without_a_sign_of_a_change_none_counts_at_least_as_much_as_all_dates_together():
-    """Half of the prior, and evidence that can only fall with columns that do nothing."""
-    learnt = learn_average(campaign(5, size=2.0), np.array([0, 1]))
-    assert learnt.dates[None] > 0.4
-
-
-def test_a_share_of_the_average_does_without_the_columns_that_are_not_sure():
-    """By hand from what is learnt with and without the third column: means, and their spread."""
-    response, changing = campaign(2, size=2.0, changed=1.0), np.array([0, 1])
-    whole = learn_average(response, changing)
-    fewer = learn_average(response.without_groups([1]), changing)
-    both = learn_average(response, changing, unsure=[1])
-    assert len(both.stretches) >= len(whole.stretches) > 1
-    for course in response.courses:
-        with_all = whole.predict(course)
-        without = fewer.predict(replace(course, columns=course.columns[:, :2]))
-        found = both.predict(course)
-        mean = (1.0 - FEWER) * with_all.mean + FEWER * without.mean
-        spread = FEWER * (1.0 - FEWER) * (with_all.mean - without.mean) ** 2
-        variance = (1.0 - FEWER) * with_all.learnt**2 + FEWER * without.learnt**2 + spread
-        np.testing.assert_allclose(found.mean, mean, rtol=1e-9)
-        np.testing.assert_allclose(found.learnt**2, variance, rtol=1e-6)
-    assert sum(both.dates.values()) == pytest.approx(1.0)
-    again = learn_average(response, changing, unsure=[1], start=both.priors, iterations=1)
-    np.testing.assert_allclose(
-        again.predict(response.courses[0]).mean, both.predict(response.courses[0]).mean, atol=0.5
+    weights = np.ones(len(one.courses)) if one.weights is None else one.weights
+    prior = sum(
+        scale**2 * group.directions @ group.directions.T
+        for scale, group in zip(s.groups, one.groups, strict=True)
     )
 
+    def wander(course, a, b):
+        t, zero = course.times_min, float(course.is_zeroed)
+        found = s.noise.over(np.array(t[a] - t[b])) + zero * (
+            s.noise.over(np.array(0.0)) - s.noise.over(t[a : a + 1]) - s.noise.over(t[b : b + 1])
+        )
+        return np.ravel(found)[0] + s.noise.white**2 * (zero + (a == b))
 
-def test_caution_grows_with_what_is_not_known():
-    mean = np.array([4.0, 4.0, 0.0])
-    found = caution(mean, np.array([0.0, 4.0, 1.0]), np.zeros(3))
-    np.testing.assert_allclose(found, [1.0, 0.5, 0.0])
-    assert Predicted(mean, np.zeros(3), np.full(3, 3.0)).factor[0] == pytest.approx(16 / 25)
+    covariance = np.empty((len(rows), len(rows)))
+    for x, (i, c, a) in enumerate(rows):
+        for y, (j, d, b) in enumerate(rows):
+            apart = abs(c.began - d.began)
+            alike = 1.0 + s.drift**2 * np.exp(-apart / s.drift_span)
+            alike += s.own**2 / weights[i] * (i == j)
+            covariance[x, y] = alike * (c.columns[a] @ prior @ d.columns[b])
+            covariance[x, y] += wander(c, a, b) / weights[i] if i == j else 0.0
+    values = np.array([c.values[a] - c.columns[a] @ one.expected for _, c, a in rows])
+    return covariance, prior, values
+
+
+@pytest.mark.parametrize("weights", [None, np.array([1.0, 0.3, 1.2, 0.8, 1.0])])
+def test_the_misfit_is_that_of_one_normal_distribution(weights):
+    """Rasmussen and Williams 2006, equation 2.30, without n/2 log 2π; and the priors."""
+    one = response(weights=weights)
+    covariance, _, values = dense(one, LOGARITHMS)
+    expected = 0.5 * values @ np.linalg.solve(covariance, values)
+    expected += 0.5 * np.linalg.slogdet(covariance)[1]
+    units, n = one._units, len(one.groups)
+    expected += float((np.exp(LOGARITHMS[:n]) / units).sum())
+    expected += 0.5 * float((((LOGARITHMS - one.start)[n:] / one._spread) ** 2).sum())
+    np.testing.assert_allclose(one.covariance(one.scales(LOGARITHMS)), covariance, rtol=1e-9)
+    assert one.misfit_and_slope(LOGARITHMS)[0] == pytest.approx(expected, rel=1e-9)
+    assert units[2] == 0.5
+    assert units[0] == units[1]
+
+
+@pytest.mark.parametrize("weights", [None, np.array([1.0, 0.3, 1.2, 0.8, 1.0])])
+def test_the_slope_of_the_misfit_is_its_slope(weights):
+    one = response(weights=weights)
+    _, slope = one.misfit_and_slope(LOGARITHMS)
+    for i in range(LOGARITHMS.size):
+        step = np.where(np.arange(LOGARITHMS.size) == i, 1e-5, 0.0)
+        up, down = (one.misfit_and_slope(LOGARITHMS + s * step)[0] for s in (1, -1))
+        assert slope[i] == pytest.approx((up - down) / 2e-5, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("without", [None, 2])
+def test_a_prediction_is_that_of_conditioning_the_normal_distribution(without):
+    """Equations 2.25 and 2.26, with all rows and without those of one set-up."""
+    one = response()
+    s = one.scales(LOGARITHMS)
+    covariance, prior, values = dense(one, LOGARITHMS)
+    kept = one.of != (-1 if without is None else without)
+    asked = np.random.default_rng(8).normal(size=(4, 5))
+    apart = np.abs(np.array([c.began for c in one.courses])[one.of] - 7.0)
+    cross = asked @ prior @ one.columns.T * (1 + s.drift**2 * np.exp(-apart / s.drift_span))
+    cross, inner = cross[:, kept], covariance[np.ix_(kept, kept)]
+    mean = asked @ EXPECTED + cross @ np.linalg.solve(inner, values[kept])
+    fitted = Fitted(one, LOGARITHMS)
+    fitted.__dict__["_of_new"] = 1 + s.drift**2 + s.own**2  # as if both were known
+    variance = np.diag(asked @ prior @ asked.T) * (1 + s.drift**2 + s.own**2)
+    variance -= np.diag(cross @ np.linalg.solve(inner, cross.T))
+    found = fitted.predict(asked, 7.0, without)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-9)
+    np.testing.assert_allclose(found.learnt, np.sqrt(variance), rtol=1e-9)
+    if without is None:
+        np.testing.assert_allclose(asked @ fitted.coefficients(7.0), mean, rtol=1e-9)
+        by = np.diag(asked @ fitted.covariance(7.0) @ asked.T)
+        np.testing.assert_allclose(by, variance, rtol=1e-9)
+        parts = sum(
+            fitted.part(s.groups[g] ** 2 * one.groups[g].directions @ one.groups[g].directions.T)
+            for g in range(3)
+        )
+        everything = np.concatenate([c.columns @ fitted.coefficients(c.began) for c in one.courses])
+        np.testing.assert_allclose(parts + one.columns @ EXPECTED, everything, rtol=1e-9)
+
+
+def test_where_set_ups_are_alike_it_is_a_bayesian_ridge():
+    """ρ and ν at nothing, white noise alone, the same scale for all: (X'X + λ)⁻¹ X'y."""
+    courses = [replace(c, is_zeroed=False) for c in some_courses()]
+    each = [Group("all", np.eye(5), np.eye(5))]
+    one = Response(courses, each, np.zeros(5))
+    logarithms = np.log([1.5, 1e-9, 5.0, 1e-9, 0.7, 1e-9, 300.0, 1e-9, 100.0])
+    fitted = Fitted(one, logarithms)
+    values = np.concatenate([c.values for c in courses])
+    inner = one.columns.T @ one.columns + (0.7 / 1.5) ** 2 * np.eye(5)
+    ridge = np.linalg.solve(inner, one.columns.T @ values)
+    np.testing.assert_allclose(fitted.common(), ridge, rtol=1e-9)
+    np.testing.assert_allclose(fitted.coefficients(99.0), ridge, rtol=1e-9)
+    np.testing.assert_allclose(fitted.covariance(0.0), 0.7**2 * np.linalg.inv(inner), rtol=1e-7)
+
+
+def test_a_driver_beyond_what_was_seen_is_less_sure():
+    fitted = Fitted(response(), LOGARITHMS)
+    asked = np.random.default_rng(8).normal(size=(1, 5))
+    once, far = (fitted.predict(by * asked, 7.0).learnt[0] for by in (1.0, 10.0))
+    assert far == pytest.approx(10.0 * once)
+    s = fitted.scales
+    least = s.own**2 * asked @ fitted.prior @ asked.T  # what it adds of its own is never known
+    assert once**2 > least
+
+
+def test_of_few_set_ups_little_is_known_of_how_they_differ():
+    """From one alone ρ is its prior: mean of the square of a log-normal number, 0.15² e²."""
+    alone, many = (Fitted(response(courses=some_courses(count=n)), LOGARITHMS) for n in (1, 12))
+    s = alone.scales
+    known = 1.0 + s.drift**2 + s.own**2
+    assert alone._of_new == pytest.approx(1.0 + (s.drift**2 + s.own**2) * np.exp(2.0), rel=0.2)
+    assert known < many._of_new < alone._of_new
+
+
+def test_parts_of_one_record_share_its_wander_and_what_it_adds_of_its_own():
+    alone = [replace(c, is_zeroed=False) for c in some_courses()[:2]]
+    courses = [replace(c, record=7) for c in alone]
+    apart, parts = (response(courses=each) for each in (alone, courses))
+    scales = apart.scales(LOGARITHMS)
+    rows, other = np.flatnonzero(apart.of == 0), np.flatnonzero(apart.of == 1)
+    more = (parts.covariance(scales) - apart.covariance(scales))[np.ix_(rows, other)]
+    prior = Fitted(apart, LOGARITHMS).prior
+    expected = scales.own**2 * courses[0].columns @ prior @ courses[1].columns.T
+    apart_min = courses[0].times_min[:, None] - courses[1].times_min
+    expected = expected + NOISE.over(apart_min)
+    np.testing.assert_allclose(more, expected, rtol=1e-9)
+
+
+def test_a_set_up_unlike_all_others_counts_less_and_moves_the_others_less():
+    courses = some_courses(count=8)
+    odd = replace(courses[3], values=courses[3].values + 40.0 * np.sin(courses[3].times_min))
+    strange = [*courses[:3], odd, *courses[4:]]
+    fitted = learn_response(response(courses=strange))
+    weights = fitted.response.weights
+    assert weights[3] < 0.6 < weights[[0, 1, 2, 4, 5, 6, 7]].min()
+    right = learn_response(response(courses=courses)).common()
+    plain = response(courses=strange).learn().common()
+    assert np.abs(fitted.common() - right).sum() < np.abs(plain - right).sum()
+
+
+def lagged(kind, seed, gain=0.0, count=16, rows=30):
+    """Set-ups of five hours in which six sensors warm unlike each other; one of them drives."""
+    random = np.random.default_rng(seed)
+    courses, true = [], []
+    for i in range(count):
+        t = np.linspace(10.0, 300.0, rows)
+        rise = [random.normal(5, 3) * (1 - np.exp(-t / tau)) for tau in (15, 30, 60, 90, 150, 250)]
+        columns = np.column_stack(rise)
+        wanders = {"rough": (3.0, 300.0, 1e-9, 1.0), "smooth": (1e-9, 1.0, 3.0, 100.0)}
+        noise = Wander(0.3, *wanders[kind])
+        root = np.linalg.cholesky(noise.covariance(t, is_zeroed=True) + 1e-9 * np.eye(rows))
+        wander = root @ random.normal(size=rows)
+        courses.append(Course(t, columns, gain * columns[:, 2] + wander, True, float(i)))
+        true.append(gain * columns[:, 2])
+    return courses, true
+
+
+def held_out(courses):
+    one = Group("sensors", np.eye(6), np.eye(6))
+    fitted = learn_response(Response(courses, [one], np.zeros(6)))
+    found = []
+    for i, course in enumerate(courses):
+        said = fitted.predict(course.columns, course.began, without=i)
+        wander = fitted.scales.noise.variance(course.times_min, is_zeroed=True)
+        sd = np.sqrt(said.learnt**2 + wander)
+        found.append((said.mean, sd, least_harm(said.mean, sd, np.zeros(sd.size))))
+    return found, fitted
+
+
+@pytest.mark.parametrize("kind", ["rough", "smooth"])
+def test_where_nothing_drives_next_to_nothing_is_corrected(kind):
+    """The correction's variance is a small share of the wander's, in set-ups held out."""
+    shares = []
+    for seed in range(4):
+        courses, _ = lagged(kind, seed)
+        corrected = np.concatenate([one[2] for one in held_out(courses)[0]])
+        values = np.concatenate([course.values for course in courses])
+        shares.append(np.sum(corrected**2) / np.sum(values**2))
+    assert np.mean(shares) < 0.05
+
+
+@pytest.mark.parametrize("kind", ["rough", "smooth"])
+def test_one_sensor_that_drives_is_removed_nearly_as_by_who_knows_it(kind):
+    """At least 0.95 of what an oracle removes; and 95 % intervals hold about so many values."""
+    courses, true = lagged(kind, 5, gain=3.0)
+    found, fitted = held_out(courses)
+    values = [c.values for c in courses]
+    before, oracle, after = (
+        np.sum(np.concatenate([y - of for y, of in zip(values, part, strict=True)]) ** 2)
+        for part in ([0.0] * len(values), true, [one[2] for one in found])
+    )
+    assert (before - after) / (before - oracle) > 0.95
+    white = np.sqrt(2.0) * fitted.scales.noise.white
+    inside = [
+        np.abs(y - mean) < 1.96 * np.sqrt(sd**2 + white**2)
+        for y, (mean, sd, _) in zip(values, found, strict=True)
+    ]
+    assert 0.9 < np.mean(np.concatenate(inside)) <= 1.0
+
+
+@pytest.mark.parametrize("instead", [(0.0,), (0.0, 4.0), (4.0, -2.0)])
+@pytest.mark.parametrize("mean", [-3.0, 0.5, 2.0, 6.0])
+@pytest.mark.parametrize("sd", [0.1, 2.0, 20.0])
+def test_a_correction_loses_least(mean, sd, instead):
+    """The expected loss by quadrature over y, at all corrections of a fine grid."""
+    y = norm.ppf((np.arange(4000) + 0.5) / 4000, mean, sd)
+    c = np.linspace(min(mean, *instead) - 0.5, max(mean, *instead) + 0.5, 801)
+    squares = (y - c[:, None]) ** 2
+    loss = squares.mean(1)
+    for r in instead:
+        loss = loss + np.maximum(squares - (y - r) ** 2, 0.0).mean(1) / len(instead)
+    found = least_harm(np.array([mean]), np.array([sd]), *(np.array([r]) for r in instead))
+    at = float(np.interp(found[0], c, loss))
+    assert at <= loss.min() + 1e-3 * sd**2
+
+
+def test_the_wander_of_differences_from_a_zero_is_that_of_the_differences():
+    t = np.array([0.0, 20.0, 100.0])
+    plain = NOISE.covariance(t, is_zeroed=False)
+    differences = np.array([[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+    expected = differences @ plain @ differences.T
+    np.testing.assert_allclose(NOISE.covariance(t[1:], is_zeroed=True), expected, rtol=1e-12)
+    white = np.diag(expected) - 2.0 * NOISE.white**2
+    np.testing.assert_allclose(NOISE.variance(t[1:], is_zeroed=True), white, rtol=1e-12)

@@ -53,8 +53,9 @@ MOST_SET_UPS: Final = 200
 """The latest ones."""
 
 FEWEST: Final = 6
-"""So many set-ups are needed. Of the known runs of two measured machines, responses learnt from one
-to three did harm elsewhere in 22 of 45 draws, from four in 2 of 15, from six in none of 15."""
+"""So many set-ups are needed. Of draws from the runs of two measured machines, responses learnt from
+one to three left more of the others than the maps did in 19 of 36, from four in 2 of 12, from six in
+none of 12."""
 
 STRETCHES: Final = 12
 """Fewer records that count from no zero of their own are cut into so many set-ups."""
@@ -104,6 +105,8 @@ class SetUp:
         All columns at these rows.
     is_zeroed
         Whether the first row is its zero.
+    record
+        Number of the record that it was cut from; None: of none.
     """
 
     label: str
@@ -112,6 +115,7 @@ class SetUp:
     measured: FloatArray
     found: Columns
     is_zeroed: bool
+    record: int | None = None
 
     @property
     def began_s(self) -> float:
@@ -123,12 +127,14 @@ class SetUp:
         """The set-up as a response is learnt from it."""
         first = 1 if self.is_zeroed else 0
         columns = self.found.values
+        origin_s = self.times_s[0] if self.record is None else 0.0
         return Course(
-            ((self.times_s - self.times_s[0]) / SECONDS_PER_MIN)[first:],
+            ((self.times_s - origin_s) / SECONDS_PER_MIN)[first:],
             columns[first:] - columns[0] if first else columns,
             self.from_zero(self.values)[first:],
             self.is_zeroed,
             self.began_s,
+            self.record,
         )
 
     def thinned(self, most: int) -> SetUp:
@@ -193,7 +199,7 @@ class ResponseRows:
         """
         reach = self.reach(self.set_ups)
         days_s = np.unique(fitted.response.days)
-        follows_s = float(np.median(np.diff(days_s))) if days_s.size > 1 else 0.0
+        follows_s = float(np.median(np.diff(days_s))) if days_s.size > 1 else np.inf
         means = [fitted.common(), *(fitted.coefficients(day) for day in days_s.tolist())]
         longest_s = max(float(one.found.age_s.max()) for one in self.set_ups)
         return Responding(
@@ -330,6 +336,7 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
             rows.measured[own[part]],
             Columns(found.values[part], found.age_s[part]),
             one.is_zeroed,
+            one.record,
         )
         set_ups.append(whole.thinned(MOST_ROWS))
     set_ups.sort(key=lambda one: one.times_s[0])
@@ -338,10 +345,11 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Rows of a set-up in order of time, and whether the first is its zero."""
+    """Rows of a set-up in order of time, whether the first is its zero, and of which record."""
 
     rows: IntArray
     is_zeroed: bool
+    record: int | None = None
 
 
 def _parts(rows: ObservationRows, own: IntArray) -> list[_Part]:
@@ -360,15 +368,14 @@ def _parts(rows: ObservationRows, own: IntArray) -> list[_Part]:
 
 
 def _cut(parts: Sequence[_Part]) -> list[_Part]:
-    """Cut records without a zero into stretches where there are too few of them."""
+    """Cut records without a zero of their own into stretches where there are too few of them."""
     records = [one for one in parts if not one.is_zeroed]
     if len(parts) >= FEWEST or not records:
         return list(parts)
-    each = -(-STRETCHES // len(records))
     found = [one for one in parts if one.is_zeroed]
-    for one in records:
-        count = min(each, len(one.rows) // FEWEST_ROWS)
-        found += [_Part(rows, False) for rows in np.array_split(one.rows, count)]
+    for number, one in enumerate(records):
+        count = min(-(-STRETCHES // len(records)), len(one.rows) // FEWEST_ROWS)
+        found += [_Part(rows, False, number) for rows in np.array_split(one.rows, count)]
     return found
 
 
