@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -222,7 +223,7 @@ class Response:
 
         Parameters
         ----------
-        start : ndarray
+        start : ndarray, shape (h,)
             Logarithms from which to begin; None: where the priors are.
         steps
             Most steps.
@@ -327,7 +328,7 @@ class Response:
         bounds = [0, *edges.tolist(), len(times_min)]
         return [
             (slice(begin, end), times_min[begin:end], self.courses[self.of[begin]].is_zeroed)
-            for begin, end in zip(bounds, bounds[1:], strict=False)
+            for begin, end in pairwise(bounds)
         ]
 
 

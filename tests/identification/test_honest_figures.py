@@ -253,7 +253,11 @@ def test_the_band_holds_the_means_of_a_machine_that_is_as_its_model_says():
 def test_residuals_that_rise_are_not_said_to_fall():
     before, after = (Figures(size, 2 * size, size, (size, size)) for size in (0.9, 4.0))
     effect = SimpleNamespace(
-        explanation="EZX has been drifting", is_proxy=False, status="confirmed", sensors=()
+        explanation="EZX has been drifting",
+        is_proxy=False,
+        status="confirmed",
+        sensors=(),
+        helps=True,
     )
     told = summary("effects-found", [effect], [], [], before, after, 0.3, "µm", None)
     assert "The residuals do not fall but rise from 0.9 to 4 µm on held-out visits" in told
@@ -275,6 +279,23 @@ def test_figures_of_all_effects_are_said_to_be_so_where_not_all_would_be_adopted
     assert "With all effects the residuals do not fall but rise from 1.8 to 6 µm" in told
 
 
+def test_residuals_do_not_fall_by_what_is_not_adopted():
+    before, after = (Figures(size, 2 * size, size, (size, size)) for size in (14.3, 5.67))
+    effect = SimpleNamespace(
+        explanation="EXX follows another sensor",
+        is_proxy=True,
+        status="suspected",
+        sensors=(),
+        helps=False,
+        why_not="one held-out set-up would get worse",
+    )
+    told = summary("effects-found", [effect], [], [], before, after, None, "µm", None)
+    assert (
+        "With it the residuals would go from 14.3 to 5.67 µm on held-out visits. It is not "
+        "adopted: one held-out set-up would get worse."
+    ) in told
+
+
 def test_what_shows_in_an_angle_alone_is_said_in_its_unit():
     size = Figures(0.484, 0.9, 0.484, (0.4, 0.6))
     effect = SimpleNamespace(
@@ -282,6 +303,7 @@ def test_what_shows_in_an_angle_alone_is_said_in_its_unit():
         is_proxy=False,
         status="confirmed",
         sensors=(),
+        helps=True,
     )
     told_of = partial(ComponentFigures, noise_origin="declared", floor=None, setup_scatter=None)
     components = [
@@ -306,6 +328,7 @@ def test_the_answer_begins_as_a_sentence_does():
         is_proxy=False,
         status="confirmed",
         sensors=(),
+        helps=True,
     )
     told = summary("effects-found", [effect], [], [], size, size, 0.3, "µm", None)
     assert told.startswith("The clocks are 60 ± 1 min apart. The residuals stay")

@@ -26,6 +26,8 @@ ENOUGH_VISITS: Final = 20
 MUCH: Final = 0.1
 """Where so large a share of the values took no part, the answer says so."""
 
+NOT_ADOPTED: Final = "it is to be put right where it was made"
+
 MOST_NAMED: Final = 3
 """So many effects the summary names; the answer lists all."""
 
@@ -88,6 +90,10 @@ def summary(
     is_mixed = len(effects) > 1 and len({one.helps for one in effects}) > 1
     whose = "With all effects the" if is_mixed else "The"
     changed = f"{whose} residuals {moves} {unit}{apart}{held}{scatter}"
+    if effects and not moved and not any(one.helps for one in effects):
+        why_not = next((one.why_not for one in effects if one.why_not), NOT_ADOPTED)
+        goes = f"go from {size:.3g} to {left:.3g} {unit}{apart}{held}{scatter}"
+        changed = f"With it the residuals would {goes}. It is not adopted: {why_not}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
     sensors = [name for one in effects for name in one.sensors]
     sensors += [name for one in refitted for name in one.effect.sensors]

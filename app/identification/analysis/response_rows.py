@@ -53,9 +53,9 @@ MOST_SET_UPS: Final = 200
 """The latest ones."""
 
 FEWEST: Final = 6
-"""So many set-ups are needed. Of draws from the runs of two measured machines, responses learnt from
-one to three left more of the others than the maps did in 19 of 36, from four in 2 of 12, from six in
-none of 12."""
+"""So many set-ups are needed. Of draws from the runs of two measured machines, responses learnt
+from one to three left more of the others than the maps did in 19 of 36, from four in 2 of 12, from
+six in none of 12."""
 
 STRETCHES: Final = 12
 """Fewer records that count from no zero of their own are cut into so many set-ups."""
