@@ -33,8 +33,7 @@ from app.effects.response_driver import Responding
 from app.effects.term import Term
 from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.identification.analysis.adoption import Judged as JudgedEffects
-from app.identification.analysis.adoption import judge_help
+from app.identification.analysis.decide import Decision, decide
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import Evidence, FoundEffect
 from app.identification.analysis.response_judged import CONFIRMED, Judged, judge
@@ -245,7 +244,7 @@ def beside_search(
         all have one: it is learnt of what that leaves when it has been adopted.
     """
     found = _suspecting(found, known)
-    judged = judge_help(found, found.effects()) if responses.offered else JudgedEffects([])
+    judged = decide(found, found.effects()) if responses.offered else Decision([])
     named = {o.code: [t.key for t in _named(found, o.code)] for o in responses.offered}
     left = {o.code: _left_by_adopted(found, judged, o.code) for o in responses.offered}
     chosen = that_leave_less(found, responses.offered, left)
@@ -361,9 +360,12 @@ def _taking_place(found: FinishedSearch, offered: Offered, keys: Sequence[str]) 
         anew[own] = np.nan
         anew[rows] = np.where(np.isfinite(foretold[rows]), found.rows.values[rows] - left, np.nan)
         said.append(anew)
+    stays = np.array([term.key not in keys for term in findings.terms], dtype=np.bool_)
     terms = tuple(term for term in findings.terms if term.key not in keys)
+    apart = None if findings.apart is None else findings.apart[stays]
     return replace(
-        found, findings=replace(findings, terms=terms, predicted=said[0], adopted=said[1])
+        found,
+        findings=replace(findings, terms=terms, apart=apart, predicted=said[0], adopted=said[1]),
     )
 
 
@@ -386,7 +388,7 @@ def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect
     return total
 
 
-def _left_by_adopted(found: FinishedSearch, judged: JudgedEffects, code: str) -> float | None:
+def _left_by_adopted(found: FinishedSearch, judged: Decision, code: str) -> float | None:
     """Say what effects that would be adopted leave of a component held out, from each zero.
 
     None where there are none, or nothing was held out.
@@ -394,7 +396,7 @@ def _left_by_adopted(found: FinishedSearch, judged: JudgedEffects, code: str) ->
     pairs = list(zip(found.effects(), judged.helps, strict=True))
     if not any(one.helps for effect, one in pairs if code in effect.components):
         return None
-    refused = [found.explained(effect) for effect, one in pairs if not one.helps]
+    refused = [found.foretold(i) for i, (_, one) in enumerate(pairs) if not one.helps]
     rows = found.residuals.rows
     left = found.rows.values - found.findings.adopted + sum(refused, np.zeros(len(found.use)))
     own = rows.of_channel(code)
