@@ -492,7 +492,7 @@ def least_harm(mean: FloatArray, sd: FloatArray, *instead: FloatArray) -> FloatA
     --------
     >>> sd = np.array([0.0, 1.0, 3.0, 30.0])
     >>> least_harm(np.full(4, 3.0), sd, np.zeros(4)).round(1).tolist()
-    [3.0, 2.9, 1.9, 0.0]
+    [3.0, 2.9, 2.2, 0.0]
     """
     sd = np.maximum(sd, 1e-9)
     low = np.minimum.reduce([mean, *instead])
