@@ -531,6 +531,15 @@ async def test_a_name_that_is_no_text_is_refused(app, client, name, key):
 
 
 @on_sqlite
+async def test_an_assignment_with_a_name_around_it_is_told_of_the_name(app, client):
+    body = written({"assignment": {"EXX": "spindle"}})
+    found = await refused(app, client, ("PUT", f"{ROOM}/sensor-assignment", body))
+    (error,) = found["errors"]
+    assert error["field"] == "assignment"
+    assert error["message"].startswith("expected an error component such as EXX")
+
+
+@on_sqlite
 @pytest.mark.parametrize("name", [n for n in BODIES if n != "assignment"])
 async def test_an_unknown_field_is_refused(app, client, name):
     place = (1, "temperature") if name == "readings" else ("temperature",)
@@ -654,7 +663,7 @@ UNKNOWN_FIELDS = {
     "readings": ([{**READING, "temperatures": {}}], "time, temperatures_c, state"),
     "machine": (NEW_MACHINE | {"axes": {"x": {"min_mm": 0, "max": 500}}}, "min_mm, max_mm"),
     "map": (
-        error_map("Run #9", 40.0, components=[{"component": "EXX", "error_um": [1.0]}]),
+        error_map("Run #9", 40.0, components=[{"component": "EXX", "errors_mm": [1.0]}]),
         "only the documented ones; near it: errors_um",
     ),
 }

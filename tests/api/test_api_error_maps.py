@@ -146,6 +146,21 @@ async def test_every_kind_of_component_is_kept(client, component):
     assert component.items() <= kept.items()
 
 
+@pytest.mark.parametrize(
+    ("name", "stated"),
+    [("SXY", "um_per_m"), ("X0C", "um"), ("A0C", "urad")],
+)
+async def test_a_single_value_may_have_the_name_that_tables_give_it(client, name, stated):
+    content = error_map("Run #9", 40.0, components=[{"component": name, f"error_{stated}": 3.0}])
+    answer = await client.post(PATH, json=content)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["components"][0][f"value_{stated}"] == 3.0
+    content["label"], content["components"][0][f"value_{stated}"] = "both", 3.0
+    (error,) = problem(await client.post(PATH, json=content), 422)["errors"]
+    assert error["field"] == f"components.0.error_{stated}"
+    assert "unknown field" in error["message"]
+
+
 async def test_emoji_and_200_characters_are_a_label(client):
     for label in ("Lauf 🌡️ nº 1 «warm»", "x" * 200, "🔥" * 200):
         t_c = 40.0 + len(label) % 7 * 3 + (label[0] == "x")

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
+    AliasChoices,
     AwareDatetime,
     BaseModel,
     BeforeValidator,
@@ -56,6 +57,11 @@ def _fits_in_a_database(value: int) -> int:
     if not -(2**63) <= value < 2**63:
         raise ValueError("a whole number of at most 64 bits")
     return value
+
+
+def also(name: str, answered: str) -> AliasChoices:
+    """Let a field be stated under the name that answers have for it; both at once are refused."""
+    return AliasChoices(name, answered)
 
 
 def way_of(name: str) -> str:

@@ -18,6 +18,7 @@ from app.api.schemas.base import (
     Schema,
     Temperatures,
     UtcTime,
+    also,
     way_of,
 )
 from app.api.schemas.model_change import ModelChange
@@ -45,7 +46,8 @@ class ComponentSchema(Schema):
     Which field carries the numbers follows from the component: linear errors
     `errors_um`, angular errors `errors_urad`, nonrigid slopes `slopes_um_per_m` or
     `slopes_urad_per_m`, squareness `value_um_per_m`, rotary-axis locations
-    `value_um` or `value_urad`. What is known of their uncertainty stands beside them
+    `value_um` or `value_urad`; a single value may also be called `error_…`, as tables
+    have it. What is known of their uncertainty stands beside them
     as standard errors in the same unit, or as a covariance where the errors at different
     positions are not independent of each other.
     """
@@ -74,10 +76,21 @@ class ComponentSchema(Schema):
     backward_slopes_um_per_m: Numbers | None = Field(None, description="The same [µm/m]")
     backward_slopes_urad_per_m: Numbers | None = Field(None, description="The same [µrad/m]")
     value_um_per_m: Number | None = Field(
-        None, description="Squareness [µm/m], E_x = SXY·y", examples=[-12.1]
+        None,
+        validation_alias=also("value_um_per_m", "error_um_per_m"),
+        description="Squareness [µm/m], E_x = SXY·y",
+        examples=[-12.1],
     )
-    value_um: Number | None = Field(None, description="Rotary-axis position error [µm]")
-    value_urad: Number | None = Field(None, description="Rotary-axis direction error [µrad]")
+    value_um: Number | None = Field(
+        None,
+        validation_alias=also("value_um", "error_um"),
+        description="Rotary-axis position error [µm]",
+    )
+    value_urad: Number | None = Field(
+        None,
+        validation_alias=also("value_urad", "error_urad"),
+        description="Rotary-axis direction error [µrad]",
+    )
     standard_errors_um: StandardErrors | None = Field(
         None,
         description="Standard error of each error, one standard deviation [µm]",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, RootModel
+from pydantic import Field, RootModel, field_validator
 
 from app.api.rounding import Digits, Parameters
 from app.api.schemas.base import Number, Schema, UtcTime
@@ -27,20 +27,27 @@ class AssignmentSchema(RootModel[dict[str, str]]):
 
     model_config = {"json_schema_extra": {"examples": [{"EXX": "x-middle", "EZZ": "z-column"}]}}
 
-    def to_codes(self) -> dict[str, str]:
-        """Read the components' names; InvalidContent for unknown or repeated ones."""
-        found: dict[str, str] = {}
+    @field_validator("root", mode="before")
+    @classmethod
+    def _expect_components(cls, stated: Any) -> Any:
+        """Refuse unknown names before their values: who wraps an assignment is told of the name."""
         errors = []
-        for name, sensor in self.root.items():
+        for name in stated if isinstance(stated, dict) else ():
             try:
-                code = parse_component(name)[0].code
+                parse_component(name)
             except UnknownComponent as unknown:
                 errors.append(FieldError(name, unknown.detail))
-                continue
-            if found.setdefault(code, sensor) != sensor:
-                errors.append(FieldError(name, f"{code} is assigned to two sensors"))
         if errors:
             raise InvalidContent("; ".join(e.message for e in errors), errors)
+        return stated
+
+    def to_codes(self) -> dict[str, str]:
+        """Read the components' names; InvalidContent where one has two sensors."""
+        found: dict[str, str] = {}
+        for name, sensor in self.root.items():
+            code = parse_component(name)[0].code
+            if found.setdefault(code, sensor) != sensor:
+                raise InvalidContent.of_field(name, f"{code} is assigned to two sensors")
         return found
 
     @classmethod
