@@ -403,6 +403,13 @@ curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?pr
      EXX,0,0
      EXX,500,4.0'
 
+# 200: how a file was read that is recognised as check measurements; a map would be answered as above
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/files?preview=true&name=third.csv" \
+     -H "Content-Type: text/csv" \
+     -d '     # label: third night
+     time,component,position_mm,direction,measured_um
+     2026-03-01T13:00:00Z,EXX,250,+,4.29'
+
 # 200: what the map of an instrument's readings would change; the file does not say when they were read, at which temperatures
 curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=x.csv&method=positioning&axis=x&label=hot&measured_at=2026-03-01T12:00:00Z&temperature=x-middle=28.0&temperature=y-front=27.5" \
      -H "Content-Type: text/csv" \

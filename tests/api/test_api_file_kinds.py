@@ -200,3 +200,53 @@ async def test_a_map_that_the_service_answered_is_read_again(client):
     assert "expected one error map, got 2 entries" in twice
     machine = (await client.get(ROOM)).json()
     assert "expected an error map, got a machine" in problem(await send(machine), 422)["detail"]
+
+
+FILE_ROUTE = f"{ROOM}/files"
+
+
+async def send_file(client, content, name, **stated):
+    query = {"name": name} | stated
+    return await client.post(FILE_ROUTE, params=query, content=content, headers=BINARY)
+
+
+@pytest.mark.parametrize(("kind", "name"), FILES)
+async def test_a_file_is_stored_as_what_it_is(client, kind, name):
+    content = content_of(kind, name).replace(b",-200,", b",200,")  # within this machine's travel
+    before = [(await client.get(f"{ROOM}/{what}")).json() for what in ("error-maps", "models")]
+    look = await send_file(client, content, name, preview=True)
+    assert (look.status_code, look.json()["preview"]) == (200, True), look.text
+    after = [(await client.get(f"{ROOM}/{what}")).json() for what in ("error-maps", "models")]
+    assert after == before
+    stored = await send_file(client, content, name)
+    assert stored.status_code == 201, stored.text
+    shown = (await client.get(stored.headers["location"])).json()
+    where = {FileKind.MAP: "error-maps", FileKind.CHECK: "verifications"}[kind]
+    assert f"/{where}/" in stored.headers["location"]
+    assert shown["label"] == stored.json()["label"]
+    if kind is FileKind.CHECK:
+        of_preview = {"label", "datum", "count", "components", "first_at", "last_at"}
+        assert {n: look.json()[n] for n in of_preview} == {n: shown[n] for n in of_preview}
+    again = await send_file(client, content, name)
+    assert (again.status_code, again.json()["id"]) == (200, stored.json()["id"])
+
+
+async def test_what_may_be_either_is_stored_as_what_is_stated(client):
+    either = "# measured_at: 2026-03-01T06:00:00Z\n" + WIDE
+    refused = problem(await send_file(client, either, "either.csv"), 422)
+    assert "temperature" in refused["detail"]
+    stored = await send_file(client, either, "either.csv", kind="check")
+    assert stored.json()["components"] == ["EXX", "EYX"]
+
+
+@pytest.mark.parametrize("preview", [False, True])
+async def test_what_is_wrong_with_a_file_is_said_with_its_line(client, preview):
+    outside = NIGHT.replace("250.0", "900.0")
+    (said,) = problem(await send_file(client, outside, "x.csv", preview=preview), 422)["errors"]
+    assert said["field"] == "file"
+    assert said["message"].startswith("x.csv, line 2")
+    stated = {"label": "mine", "temperature": "x-middle=20", "preview": preview}
+    errors = problem(await send_file(client, NIGHT, "x.csv", **stated), 422)["errors"]
+    assert [one["field"] for one in errors] == ["label", "temperature"]
+    assert "x.csv holds check measurements" in errors[0]["message"]
+    assert (await client.get(f"{ROOM}/verifications")).json() == []

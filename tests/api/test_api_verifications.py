@@ -359,3 +359,14 @@ async def test_text_that_nobody_said_is_json_is_refused(client):
     plain = {"content-type": "text/plain"}
     found = problem(await client.post(PATH, content=b"{}", headers=plain), 415)
     assert "Content-Type" in found["detail"]
+
+
+async def test_a_measured_value_may_have_the_name_that_residuals_give_it(client):
+    stated = verification()
+    renamed = verification()
+    for one in renamed["observations"]:
+        one["measured"] = one.pop("measured_um")
+    stored = await client.post(PATH, json=renamed)
+    assert stored.status_code == 201, stored.text
+    again = await client.post(PATH, json=stated)
+    assert (again.status_code, again.json()) == (200, stored.json())

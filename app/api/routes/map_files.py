@@ -41,6 +41,19 @@ class _Beside:
     stated: Stated
     method: str | None
 
+    @property
+    def names(self) -> list[str]:
+        """Name what is stated, as the query does."""
+        beside = self.stated
+        stated = {
+            "label": beside.label,
+            "measured_at": beside.measured_at,
+            "temperature": beside.temperatures_c,
+            "axis": beside.axis,
+            "method": self.method,
+        }
+        return [name for name, value in stated.items() if value]
+
 
 def _beside(
     label: Annotated[

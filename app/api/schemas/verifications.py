@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import Name, Number, Schema, UtcTime, way_of
+from app.api.schemas.base import Name, Number, Schema, UtcTime, also, way_of
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
 from app.effects.observations import Observation, Verification
 from app.errors import InvalidContent
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
 from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
 from app.thermal.error_map import impossible_error, positions_for_errors
@@ -70,12 +71,14 @@ def _observed(question: ErrorQuestion, values: Sequence[float], stated: WithSetu
 class MeasuredObservation(WithSetup):
     """What an instrument read once: of one component, or at a point of the work volume.
 
-    `measured_um` takes the value in the component's own unit, as predictions give it; the
-    fields that name another unit say the same more exactly.
+    `measured_um`, which may also be called `measured` as residuals have it, takes the value in
+    the component's own unit, as predictions give it; the fields that name another unit say the
+    same more exactly.
     """
 
     measured_um: OneOrThree | None = Field(
         None,
+        validation_alias=also("measured_um", "measured"),
         description="Measured error, actual minus nominal [µm; angular errors µrad, squareness "
         "µm/m]; three numbers x, y, z at a point",
         examples=[4.31, [1.2, -0.4, 3.3]],
@@ -226,17 +229,43 @@ def _expect_deviations(observations: Sequence[Observation]) -> None:
             raise InvalidContent.of_field(f"observations.{line[0][0]}.measured_um", said)
 
 
-class VerificationAnswer(VerificationHead):
-    """A stored verification without its observations."""
-
-    id: int = Field(description="The verification's number", examples=[1])
-    stored_at: UtcTime = Field(description="When it was stored, UTC")
+class _WithExtent(VerificationHead):
     first_at: UtcTime = Field(description="Time of its first observation, UTC")
     last_at: UtcTime = Field(description="Time of its last observation, UTC")
     count: int = Field(description="How many observations it has", examples=[240])
     components: list[str] = Field(
         description="What was observed: component codes, and `points`", examples=[["EXX", "points"]]
     )
+
+
+class VerificationPreview(_WithExtent):
+    """What was read as a verification; nothing is stored."""
+
+    preview: Literal[True] = Field(True, description="That nothing is stored")
+    warnings: list[str] = Field(description="What of it was not read, or may be a mistake")
+
+    @classmethod
+    def of(cls, verification: Verification, warnings: Sequence[str]) -> Self:
+        """Show a verification that was read."""
+        times = [datetime.fromtimestamp(o.time_s, UTC) for o in verification.observations]
+        observed = {o.component or "points" for o in verification.observations}
+        return cls(
+            label=verification.label,
+            datum=verification.datum,
+            repeatability_um=verification.repeatability_um,
+            first_at=min(times),
+            last_at=max(times),
+            count=len(times),
+            components=sorted(observed, key=lambda name: ORDER.get(name, len(ORDER))),
+            warnings=list(warnings),
+        )
+
+
+class VerificationAnswer(_WithExtent):
+    """A stored verification without its observations."""
+
+    id: int = Field(description="The verification's number", examples=[1])
+    stored_at: UtcTime = Field(description="When it was stored, UTC")
     judgement: Judgement | None = Field(
         description="What it said of the active model when it came, or once its readings had"
     )
