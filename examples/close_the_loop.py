@@ -25,7 +25,6 @@ from app.settings import Settings
 from app.simulation.undeclared import make_campaign
 from app.simulation.undeclared.campaign import Campaign
 from thermap import AsyncThermapClient
-from thermap.answers import AnalysisAnswer
 
 PLANTED = "thermal-lag:component"
 SIZE = 3.0
@@ -34,7 +33,6 @@ SIZE = 3.0
 SEED = 12
 LEARNT_FROM, LATER = 30, 10
 READINGS_AT_ONCE = 10_000
-LOOK_EVERY_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +70,7 @@ async def close_the_loop(
             await furnish(thermap, made)
             known = await store(thermap, machine, made.verifications[:learnt_from])
             job = await thermap.analyse(machine, {"verifications": known})
-            analysis = await finished(thermap, machine, job.id)
+            analysis = await thermap.wait_for_analysis(machine, job.id)
             assert analysis.result is not None
             before = analysis.model_version
             after = (await thermap.adopt_analysis(machine, job.id)).version
@@ -103,15 +101,6 @@ async def store(
 ) -> list[int]:
     """Store verifications; give their numbers."""
     return [(await thermap.store_verification(machine, one)).id for one in verifications]
-
-
-async def finished(thermap: AsyncThermapClient, machine: str, number: int) -> AnalysisAnswer:
-    """Wait until an analysis is done."""
-    while True:
-        analysis = await thermap.analysis(machine, number)
-        if analysis.status not in ("queued", "running"):
-            return analysis
-        await asyncio.sleep(LOOK_EVERY_S)
 
 
 def main() -> None:

@@ -36,7 +36,13 @@ _HEADS: Final = {
     "requests": f"What the service is asked with, as far as no answer has it too.\n\n{_WRITTEN}\n",
 }
 
-_BASES: Final = {"ComponentCompensationAnswer": "thermap.shape.TableEntry"}
+_BASES: Final = {
+    **dict.fromkeys(("ComponentCompensationAnswer", "ComponentAnswer"), "thermap.table.TableEntry"),
+    **dict.fromkeys(
+        ("ErrorMapAnswer", "MeasurementAnswer", "DriftStateAnswer"), "thermap.table.Components"
+    ),
+    "CompensationAnswer": "thermap.table.CompensationTable",
+}
 """Shapes that say more than their fields."""
 
 _KEPT: Final = frozenset(("type", "format", "enum", "const", "required", "default", "description"))

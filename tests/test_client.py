@@ -4,11 +4,9 @@ The same scenarios go through the blocking client to a real server, and through 
 awaiting one to the application itself.
 """
 
-import asyncio
 import inspect
 import json
 import re
-import time
 from contextlib import suppress
 from datetime import timedelta
 
@@ -20,13 +18,23 @@ from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
 from scripts.openapi_document import openapi_document
-from tests.service_examples import MACHINE, START, error_map, furnish_database, reading, table
+from tests.service_examples import (
+    MACHINE,
+    START,
+    error_map,
+    furnish_database,
+    iso,
+    reading,
+    table,
+    temperatures,
+)
 from thermap import (
     DEFAULT_URL,
     AsyncThermapClient,
     ConflictError,
     InvalidContentError,
     NotAllowedError,
+    NotAnalysedError,
     NotListeningError,
     ServiceUnavailableError,
     ThermapClient,
@@ -38,7 +46,13 @@ from thermap import (
     calls,
     loop_calls,
 )
-from thermap.answers import ReadingSchema
+from thermap.answers import (
+    ErrorMapAnswer,
+    PreviewAnswer,
+    ReadingSchema,
+    StoredVerificationAnswer,
+    VerificationPreview,
+)
 from thermap.requests import ErrorMapSchema, MachinePatch, MachineSettings
 
 pytestmark = pytest.mark.anyio
@@ -316,11 +330,8 @@ async def test_closing_the_loop(client):
 async def analyse(client, verification_id):
     question = {"verifications": [verification_id], "effects": ["backlash"]}
     job = await client.analyse("mcfv5050", question)
-    deadline = time.monotonic() + 60.0
-    while (found := await client.analysis("mcfv5050", job.id)).status in ("queued", "running"):
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.05)
-    assert (found.status, found.result.values) == ("done", 9), found.message
+    found = await client.wait_for_analysis("mcfv5050", job.id, timeout_s=60.0)
+    assert found.result.values == 9
     assert "<html" in await client.analysis_report("mcfv5050", job.id)
     with pytest.raises(ConflictError, match="done"):
         await client.cancel_analysis("mcfv5050", job.id)
@@ -347,12 +358,92 @@ async def test_numbers_that_no_array_is_made_of_are_an_unexpected_answer():
             client.volumetric_error("mcfv5050", {})
 
 
-def test_every_route_has_its_method():
+async def test_files_are_recognised(client, tmp_path):
+    check, readings = tmp_path / "night.csv", tmp_path / "x.csv"
+    check.write_text(f"time,component,position_mm,measured_um\n{iso(START)},EXX,250,4.31\n")
+    readings.write_text(
+        "target_mm,forward_1_um,forward_2_um\n0,0.0,0.2\n250,1.9,2.1\n500,4.1,3.9\n"
+    )
+    look = await client.import_file("mcfv5050", check, preview=True)
+    assert isinstance(look, VerificationPreview)
+    assert (look.label, look.count, look.components) == ("night", 1, ["EXX"])
+    stored = await client.import_file("mcfv5050", str(check))
+    assert isinstance(stored, StoredVerificationAnswer)
+    assert (await client.verification("mcfv5050", stored.id)).label == "night"
+    beside = {"temperatures_c": temperatures(40.0), "axis": "x", "method": "positioning"}
+    beside |= {"measured_at": START - timedelta(hours=1), "label": "hot"}
+    look = await client.import_file("mcfv5050", readings, preview=True, **beside)
+    assert isinstance(look, PreviewAnswer)
+    assert len(await client.error_maps("mcfv5050")) == 3
+    made = await client.import_file("mcfv5050", readings, accept_losses=True, **beside)
+    assert isinstance(made, ErrorMapAnswer)
+    assert (made.label, made.activated, list(made)) == ("hot", True, ["EXX"])
+    with pytest.raises(InvalidContentError, match=r"night\.csv holds check measurements"):
+        await client.import_file("mcfv5050", check, label="mine")
+
+
+def job(status, progress=0.0, message=""):
+    """An analysis as the service answers it."""
+    return {
+        "id": 3, "status": status, "progress": progress, "message": message, "model_version": 1,
+        "verifications": [1], "holdout_fraction": 0.3, "effects": None, "seed": 1,
+        "created_at": iso(START), "started_at": None, "finished_at": None, "adopted_version": None,
+        "result": None,
+    }  # fmt: skip
+
+
+@pytest.fixture(params=["blocking", "awaiting"])
+def client_answering(request):
+    """Makes either client, whose service gives these answers, the last one for ever."""
+
+    def make(*contents):
+        remaining = list(contents)
+
+        def handle(asked):
+            content = remaining.pop(0) if len(remaining) > 1 else remaining[0]
+            return httpx.Response(200, json=content)
+
+        transport = httpx.MockTransport(handle)
+        if request.param == "awaiting":
+            return AsyncThermapClient("http://localhost", transport=transport)
+        return Awaitable(ThermapClient("http://localhost", transport=transport))
+
+    return make
+
+
+async def test_an_analysis_is_waited_for(client_answering, monkeypatch):
+    monkeypatch.setattr(loop_calls, "POLL_S", 0.0)
+    client = client_answering(job("queued"), job("running", 0.4, "searching"), job("done", 1.0))
+    seen = []
+    found = await client.wait_for_analysis("vmc", 3, progress=lambda *told: seen.append(told))
+    assert found.status == "done"
+    assert seen == [(0.0, "queued"), (0.4, "searching"), (1.0, "done")]
+
+
+@pytest.mark.parametrize(
+    ("last", "kind", "words"),
+    [
+        (job("failed", 0.4, "no readings"), NotAnalysedError, "analysis 3 failed: no readings"),
+        (job("cancelled"), NotAnalysedError, "analysis 3 cancelled"),
+        (job("running"), TimeoutError, "analysis 3 is running after 0.02 s, and goes on"),
+    ],
+)
+async def test_an_analysis_that_is_not_done_is_no_answer(
+    client_answering, monkeypatch, last, kind, words
+):
+    monkeypatch.setattr(loop_calls, "POLL_S", 0.01)
+    client = client_answering(job("queued"), last)
+    with pytest.raises(kind, match=f"^{words}$"):
+        await client.wait_for_analysis("vmc", 3, timeout_s=0.02)
+
+
+def test_every_route_has_its_method(tmp_path):
+    (tmp_path / "map.csv").write_bytes(b"")
     described = {
         re.sub(r"\{\w+\}", "{}", f"{method.upper()} {path}")
         for path, methods in openapi_document()["paths"].items()
         for method in methods
-        if not path.endswith("/from-file")  # a file is for pages and curl; programs send JSON
+        if not path.endswith("/from-file")  # `…/files` is for either
     }
     requests = []
     client = answering(httpx.Response(200, json=[]), requests=requests)
@@ -365,7 +456,7 @@ def test_every_route_has_its_method():
             "temperatures_c": {}, "question": {}, "lines": {}, "measurement": {}, "plan": {},
             "verification": {}, "verification_id": 7, "analysis_id": 7, "verifications": [],
             "versions": [], "controller": "CONTROLLER", "time": 0, "since": 0, "until": 0,
-            "name": "7", "role": "viewer",
+            "name": "7", "role": "viewer", "path": tmp_path / "map.csv",
         }  # fmt: skip
         needed = inspect.signature(method).parameters
         with suppress(UnexpectedAnswerError):
@@ -435,15 +526,16 @@ async def test_too_large(client):
 async def test_nobody_listens():
     with listening("127.0.0.1", 0, "serve") as opened:
         url = url_of(opened)
+    said = re.escape(f"no thermap at {url}: is `thermap serve` running there?")
     with (
         ThermapClient(url) as client,
-        pytest.raises(NotListeningError, match=f"^no thermap at {url}$") as caught,
+        pytest.raises(NotListeningError, match=f"^{said}$") as caught,
     ):
         client.health()
     assert caught.value.status is None
     assert isinstance(caught.value, ServiceUnavailableError)
     async with AsyncThermapClient(url) as awaiting:
-        with pytest.raises(NotListeningError, match=f"^no thermap at {url}$"):
+        with pytest.raises(NotListeningError, match=f"^{said}$"):
             await awaiting.health()
 
 

@@ -63,12 +63,15 @@ def test_an_entry_knows_its_unit_whichever_fields_that_names(code):
     numbers = [-1.0, -2.0] if component.is_table else -1.0
     fields = dict.fromkeys(("sensor", "temperature_c", "lower_map", "upper_map", "weight", "axis"))
     fields |= {"component": code, "chapter": "", "status": "interpolated", "effects": []}
-    entry = answers.ComponentCompensationAnswer(**fields, **{component.compensation_field: numbers})
-    assert entry.unit == component.unit.symbol
-    assert entry.compensation == numbers
-    assert entry.standard_errors is None
-    sure = entry.model_copy(update={component.standard_error_field: [0.1, 0.2]})
-    assert sure.standard_errors == [0.1, 0.2]
+    of_table = answers.ComponentCompensationAnswer(**fields, **{component.error_field: numbers})
+    of_map = answers.ComponentAnswer(component=code, **{component.input_field: numbers})
+    for entry in (of_table, of_map):
+        assert entry.unit == component.unit.symbol
+        assert entry.errors == numbers
+        assert entry.compensation == ([1.0, 2.0] if component.is_table else 1.0)
+        assert entry.standard_errors is None
+        sure = entry.model_copy(update={component.standard_error_field: [0.1, 0.2]})
+        assert sure.standard_errors == [0.1, 0.2]
 
 
 def test_an_answer_with_all_fields_of_another_is_one_of_it():
@@ -219,7 +222,7 @@ def test_it_works_beside_a_users_own_app(installed, databases, tmp_path, place):
     assert (found["stored"], found["same"], found["turned"], found["refused"]) == (1, True, 1, 404)
     # At Run #3: EXX is 4·x/100 µm at 0, 100 and 500 mm.
     assert found["entries"][0] == ["EXX", [0.0, -4.0, -20.0], "µm"]
-    assert "pip install thermap-client[numpy]" in found["without_numpy"]
+    assert 'pip install "thermap-client[numpy]"' in found["without_numpy"]
     roots = {module.split(".")[0] for module in found["modules"]}
     beyond = roots - allowed - set(sys.stdlib_module_names) - {"__main__", "__mp_main__", "app"}
     # Some systems' Python has a `sitecustomize` of its own.
@@ -239,6 +242,11 @@ def now(client: ThermapClient) -> list[tuple[str, datetime, float | None]]:
     return [(e.component, tagged.table.reading_time, e.weight) for e in tagged.table.components]
 
 
+def by_name(client: ThermapClient) -> tuple[str | None, float | None, list[str]]:
+    table, stored = client.compensation("vmc", {}), client.error_map("vmc", 1)
+    return table["EXX"].sensor, stored["SXY"].value_um_per_m, list(table)
+
+
 async def status(client: AsyncThermapClient) -> bool:
     return (await client.analysis("vmc", 1)).status == "done"
 """
@@ -246,6 +254,7 @@ WRONG = {
     "client.machine(1)": "arg-type",
     "number: int = client.machine('vmc').name": "assignment",
     "client.health().mood": "attr-defined",
+    "client.error_map('vmc', 1)['EXX'].weight": "attr-defined",
     "client.analysis('vmc', 1).status == 'finished'": "comparison-overlap",
 }
 

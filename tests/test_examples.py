@@ -1,7 +1,10 @@
 """The examples run, and say what they are meant to show."""
 
 import asyncio
+import json
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from examples import close_the_loop as loop
 from examples import step_diagonal_to_table as chain
 from examples.linuxcnc import __main__ as on_linuxcnc
 from examples.linuxcnc import controller
+from scripts.running_demo import running_demo
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +49,25 @@ def test_the_loop_is_closed_on_visits_of_which_nobody_knew(tmp_path):
     assert closed.status == "confirmed"
     assert closed.after_um < 0.8 * closed.before_um
     assert component in closed.report
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_from_its_first_cell_to_its_last(tmp_path, monkeypatch, capsys):
+    mpl.use("Agg")
+    notebook = Path(loop.__file__).parent / "notebook.ipynb"
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    codes = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] for cell in cells if cell["cell_type"] == "code")
+    found = {}
+    with running_demo(tmp_path) as url:
+        monkeypatch.setenv("THERMAP_URL", url)
+        for i, code in enumerate(codes):
+            exec(compile(code, f"cell {i}", "exec"), found)
+        found["client"].close()
+    assert len(found["table"]) == 21
+    assert [one.get_ylabel().split()[-1] for one in found["axes"]] == ["[µm]", "[µrad]", "[µm/m]"]
+    assert found["look"].components == ["EXX"]
+    assert "SXY" in capsys.readouterr().out
 
 
 def test_without_linuxcnc_the_example_says_what_is_missing(monkeypatch):

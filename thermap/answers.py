@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
-from thermap.shape import Shape, TableEntry
+from thermap.shape import Shape
+from thermap.table import CompensationTable, Components, TableEntry
 
 
 class AccessKey(Shape):
@@ -265,7 +266,7 @@ class ComparisonAnswer(Shape):
     """Its 95 % confidence interval"""
 
 
-class ComponentAnswer(Shape):
+class ComponentAnswer(TableEntry):
     """One component of a stored map."""
 
     component: str
@@ -540,7 +541,7 @@ class CoverageAnswer(Shape):
     """The same in words"""
 
 
-class DriftStateAnswer(Shape):
+class DriftStateAnswer(Components):
     """One thermal state of the test: changes since its first reading, at their temperatures."""
 
     label: str | None
@@ -1141,8 +1142,9 @@ class MeasuredObservation(Shape):
     """
     What an instrument read once: of one component, or at a point of the work volume.
 
-    `measured_um` takes the value in the component's own unit, as predictions give it; the
-    fields that name another unit say the same more exactly.
+    `measured_um`, which may also be called `measured` as residuals have it, takes the value in
+    the component's own unit, as predictions give it; the fields that name another unit say the
+    same more exactly.
     """
 
     time: AwareDatetime
@@ -2130,11 +2132,43 @@ class VerificationAnswer(Shape):
     nothing
     """
 
+    first_at: AwareDatetime
+    """Time of its first observation, UTC"""
+
+    last_at: AwareDatetime
+    """Time of its last observation, UTC"""
+
+    count: int
+    """How many observations it has"""
+
+    components: list[str]
+    """What was observed: component codes, and `points`"""
+
     id: int
     """The verification's number"""
 
     stored_at: AwareDatetime
     """When it was stored, UTC"""
+
+    judgement: JudgementAnswer | None
+    """What it said of the active model when it came, or once its readings had"""
+
+
+class VerificationPreview(Shape):
+    """What was read as a verification; nothing is stored."""
+
+    label: str
+    """The verification's name on its machine"""
+
+    datum: Literal["absolute", "first", "free"] = "absolute"
+    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
+    `free`: an unknown constant per component
+    """
+
+    repeatability_um: float | None = None
+    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
+    nothing
+    """
 
     first_at: AwareDatetime
     """Time of its first observation, UTC"""
@@ -2148,8 +2182,11 @@ class VerificationAnswer(Shape):
     components: list[str]
     """What was observed: component codes, and `points`"""
 
-    judgement: JudgementAnswer | None
-    """What it said of the active model when it came, or once its readings had"""
+    preview: Literal[True] = True
+    """That nothing is stored"""
+
+    warnings: list[str]
+    """What of it was not read, or may be a mistake"""
 
 
 class VisitMeans(Shape):
@@ -3645,7 +3682,7 @@ class ChangedModelAnswer(ModelAnswer):
     """The version that stays active while this one waits; null where it is"""
 
 
-class CompensationAnswer(Shape):
+class CompensationAnswer(CompensationTable):
     """
     The compensation table at stated temperatures.
 
@@ -3705,7 +3742,7 @@ class CurrentCompensationAnswer(CompensationAnswer):
     """Every sensor's state"""
 
 
-class ErrorMapAnswer(Shape):
+class ErrorMapAnswer(Components):
     """A stored error map."""
 
     model_version: int | None = None
@@ -3900,7 +3937,7 @@ class FleetAnswer(Shape):
     """Whether some were refused because too many analyses wait: ask again later"""
 
 
-class MeasurementAnswer(Shape):
+class MeasurementAnswer(Components):
     """What a measurement yields."""
 
     model_version: int | None = None

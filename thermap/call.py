@@ -48,8 +48,12 @@ class Call(Generic[Answer]):
                 if v is not None
             }
         if self.body is not None:
-            sent["content"] = json.dumps(_plain(self.body), default=_plain).encode()
-            sent["headers"] = {**self.headers, "Content-Type": "application/json"}
+            is_file = isinstance(self.body, bytes)
+            sent["content"] = (
+                self.body if is_file else json.dumps(_plain(self.body), default=_plain).encode()
+            )
+            kind = "application/octet-stream" if is_file else "application/json"
+            sent["headers"] = {**self.headers, "Content-Type": kind}
         return sent
 
     def waits_s(self, timeout_s: float) -> float:

@@ -9,9 +9,9 @@ import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from importlib.util import find_spec
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 from urllib.parse import quote
 
 import httpx
@@ -50,12 +50,15 @@ from thermap.answers import (
     RotaryErrorAnswer,
     SimulatedStepDiagonal,
     StoredReadings,
+    StoredVerificationAnswer,
+    VerificationPreview,
     WaitingAssignmentAnswer,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
 from thermap.call import Answer, Call, Content, nothing, reader_of
 from thermap.errors import error_of, unreadable
+from thermap.table import needs
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,6 +70,11 @@ HTML: Final = "text/html"
 NPY: Final = "application/x-npy"
 ANSWER_HEADER: Final = "Thermap-Answer"
 """What an answer in numpy's form says beside its numbers, as JSON."""
+
+ImportedFile: TypeAlias = (
+    ErrorMapAnswer | StoredVerificationAnswer | PreviewAnswer | VerificationPreview
+)
+"""What a file is answered with: what was stored, or a preview of it."""
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
@@ -85,6 +93,11 @@ class Storing:
     accept_losses: bool = False
     preview: bool = False
     verification: bool = False
+
+    @property
+    def query(self) -> dict[str, str]:
+        """Write what routes that store anything take of it."""
+        return accepting(self.accept_losses) | (PREVIEW if self.preview else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -478,11 +491,7 @@ def predict(
 
 def volumetric_error(machine_id: str, question: Content) -> Call[VolumetricErrors]:
     """POST …/volumetric-error, answered in numpy's form; ImportError where there is no numpy."""
-    if find_spec("numpy") is None:
-        raise ImportError(
-            "volumetric_error answers with numpy arrays, and numpy is not installed: "
-            "`pip install thermap-client[numpy]`"
-        )
+    needs("numpy", "volumetric_error")
     path = of_machine(machine_id, "volumetric-error")
     return Call("POST", path, _read_vectors, question, headers={"Accept": NPY})
 
@@ -532,13 +541,21 @@ def picture(machine_id: str, question: Content) -> Call[dict[str, Any]]:
 # -- measurements --------------------------------------------------------------------------
 
 
+def import_file(
+    machine_id: str, path: Path, beside: Mapping[str, Any], storing: Storing
+) -> Call[ImportedFile]:
+    """POST …/files; `beside` is what is said of the file beside it."""
+    query = {"name": path.name, **beside, **storing.query}
+    answered = reader_of(cast("type[ImportedFile]", ImportedFile))
+    return Call("POST", of_machine(machine_id, "files"), answered, path.read_bytes(), query=query)
+
+
 def measure(
     machine_id: str, method: str, answer: type[Answer], measurement: Content, storing: Storing
 ) -> Call[Answer]:
     """POST …/measurements/{method}, which answers with its own shape."""
     path = of_machine(machine_id, "measurements", method)
-    query = {"store": "true" if storing.store else "false"} | accepting(storing.accept_losses)
-    query |= PREVIEW if storing.preview else {}
+    query = {"store": "true" if storing.store else "false"} | storing.query
     query |= {"store_verification": "true"} if storing.verification else {}
     return Call("POST", path, reader_of(answer), measurement, query=query)
 

@@ -70,7 +70,9 @@ def explaining(url: httpx.URL, timeout_s: float) -> Iterator[None]:
             f"no answer from {where} within {timeout_s:g} s{rest}"
         ) from error
     except httpx.ConnectError as error:
-        raise NotListeningError(f"no thermap at {where}{_reason(error)}") from error
+        raise NotListeningError(
+            f"no thermap at {where}{_reason(error)}: is `thermap serve` running there?"
+        ) from error
     except httpx.TransportError as error:
         raise ServiceUnavailableError(f"the connection to {where} broke: {error}") from error
 

@@ -9,6 +9,7 @@
      ├─ TooManyRequestsError     429: come back later; wrong keys came too often
      ├─ ServiceUnavailableError  503, or no answer in time: try again
      │   └─ NotListeningError        nobody listens at the URL
+     ├─ NotAnalysedError         the analysis that was waited for failed or was cancelled
      └─ UnexpectedAnswerError    any other status, or an answer that is not thermap's
 
 Each has the sentence, the status and the fields that are to blame.
@@ -96,6 +97,10 @@ class ServiceUnavailableError(ThermapClientError):
 
 class NotListeningError(ServiceUnavailableError):
     """Nobody listens at the URL."""
+
+
+class NotAnalysedError(ThermapClientError):
+    """An analysis that was waited for failed, or somebody cancelled it."""
 
 
 class UnexpectedAnswerError(ThermapClientError):

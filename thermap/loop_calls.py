@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Final
+from collections.abc import Callable, Iterable
+from time import monotonic
+from typing import Any, Final, TypeAlias
 
 from thermap.answers import (
     AnalysisAnswer,
@@ -22,6 +23,13 @@ from thermap.answers import (
 )
 from thermap.call import Call, Content, nothing, reader_of
 from thermap.calls import HTML, PREVIEW, accepting, of_machine
+from thermap.errors import NotAnalysedError
+
+Progress: TypeAlias = Callable[[float, str], object]
+"""Is told the share that is done, and what is being done."""
+
+POLL_S: Final = 0.3
+"""Between two looks at an analysis [s]."""
 
 PLANNING_S: Final = 600.0
 """A plan of many visits is computed while its request waits [s]."""
@@ -150,6 +158,46 @@ def cancel_analysis(machine_id: str, number: int) -> Call[AnalysisHead]:
 def delete_analysis(machine_id: str, number: int) -> Call[None]:
     """DELETE …/analyses/{id}."""
     return Call("DELETE", of_machine(machine_id, "analyses", number), nothing)
+
+
+class Waiting:
+    """Looks at an analysis again and again until it has ended.
+
+    Parameters
+    ----------
+    progress
+        Called with the share that is done, 0 to 1, and what is being done, each time.
+    timeout_s
+        Longest wait [s]; None for as long as it takes.
+    """
+
+    def __init__(self, progress: Progress | None, timeout_s: float | None) -> None:
+        self._progress = progress
+        self._timeout_s = timeout_s
+        self._end_s = None if timeout_s is None else monotonic() + timeout_s
+
+    def goes_on(self, job: AnalysisAnswer) -> bool:
+        """Say whether to look again.
+
+        Raises
+        ------
+        NotAnalysedError
+            If it failed or was cancelled.
+        TimeoutError
+            If it has taken too long; it goes on nevertheless.
+        """
+        if self._progress is not None:
+            self._progress(job.progress, job.message or job.status)
+        if job.status in ("failed", "cancelled"):
+            why = f": {job.message}" if job.message else ""
+            raise NotAnalysedError(f"analysis {job.id} {job.status}{why}")
+        if job.status == "done":
+            return False
+        if self._end_s is not None and monotonic() >= self._end_s:
+            raise TimeoutError(
+                f"analysis {job.id} is {job.status} after {self._timeout_s:g} s, and goes on"
+            )
+        return True
 
 
 def adopt_analysis(

@@ -96,7 +96,8 @@ class ComponentSchema(Shape):
     Which field carries the numbers follows from the component: linear errors
     `errors_um`, angular errors `errors_urad`, nonrigid slopes `slopes_um_per_m` or
     `slopes_urad_per_m`, squareness `value_um_per_m`, rotary-axis locations
-    `value_um` or `value_urad`. What is known of their uncertainty stands beside them
+    `value_um` or `value_urad`; a single value may also be called `error_…`, as tables
+    have it. What is known of their uncertainty stands beside them
     as standard errors in the same unit, or as a covariance where the errors at different
     positions are not independent of each other.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -45,15 +44,17 @@ from thermap import (
     ThermapClientError,
     loop_calls,
 )
-from thermap.answers import AnalysisAnswer, ModelCoverageAnswer
+from thermap.answers import ModelCoverageAnswer
 
-POLL_S: Final = 0.3
 _PLAN: Final = TypeAdapter(Plan)
-_GOING_ON: Final = ("queued", "running")
 
 
 class NotAnalysed(ThermapError):
     """The analysis came to no answer."""
+
+
+class _Interrupted(Exception):
+    """Ctrl-C was pressed while the analysis was waited for."""
 
 
 def analyse(
@@ -369,30 +370,24 @@ def _why_lacking(
 
 
 def _follow(thermap: ThermapClient, machine: str, analysis_id: int, ctrl_c: _CtrlC) -> None:
-    """Show how far it is until it is done; Ctrl-C cancels it.
-
-    Raises
-    ------
-    NotAnalysed
-        If it failed, or somebody cancelled it.
-    """
+    """Show how far it is until it is done; Ctrl-C cancels it."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
     terminal = console(stderr=True)
     hidden = not terminal.is_terminal
     with Progress(*columns, TimeElapsedColumn(), console=terminal, disable=hidden) as progress:
         task = progress.add_task("waiting", total=1.0)
-        while (job := thermap.analysis(machine, analysis_id)).status in _GOING_ON:
-            words = job.message or str(job.status)
-            progress.update(task, completed=job.progress, description=words)
-            time.sleep(POLL_S)
+
+        def show(share: float, words: str) -> None:
+            progress.update(task, completed=share, description=words)
+            # Also where it is done by now: whoever interrupts wants nothing adopted.
             if ctrl_c.is_pressed:
-                break
-        progress.update(task, completed=job.progress)
-    # Also where it was done meanwhile: whoever interrupts wants nothing adopted.
-    if ctrl_c.is_pressed:
-        _cancel(thermap, machine, analysis_id)
-        raise typer.Exit(130)
-    _expect_done(job)
+                raise _Interrupted
+
+        try:
+            thermap.wait_for_analysis(machine, analysis_id, progress=show)
+        except _Interrupted:
+            _cancel(thermap, machine, analysis_id)
+            raise typer.Exit(130) from None
 
 
 class _CtrlC:
@@ -423,12 +418,6 @@ def _cancel(thermap: ThermapClient, machine: str, analysis_id: int) -> None:
         thermap.cancel_analysis(machine, analysis_id)
         outcome = f"analysis {analysis_id} cancelled"
     echo(outcome, err=True)
-
-
-def _expect_done(job: AnalysisAnswer) -> None:
-    if job.status != "done":
-        why = f": {job.message}" if job.message else ""
-        raise NotAnalysed(f"analysis {job.id} {job.status}{why}")
 
 
 def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analysis) -> None:

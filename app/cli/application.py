@@ -253,8 +253,6 @@ def _explain(error: Exception) -> None:
     client = sys.modules.get("thermap.errors")
     if client is None:  # then none of its errors can have come
         return
-    if isinstance(error, client.NotListeningError):
-        _fail(f"{error.detail}: start one with `thermap serve`")
     if isinstance(error, client.ThermapClientError):
         _fail(error.sentence)
 

@@ -49,7 +49,7 @@ def examine_service(url: str, *, must_run: bool) -> Iterator[Finding]:
             version = thermap.health().version
         except NotListeningError as error:
             say = trouble if must_run else ok
-            yield say("service", f"No service runs: {error.detail}.")
+            yield say("service", f"No service runs: {error.detail}")
             return
         except ThermapClientError as error:
             yield trouble("service", f"What answers at {thermap.base_url} is amiss: {error.detail}")

@@ -31,14 +31,13 @@ from examples.measured.black_boxes import black_boxes, left_of, print_left
 from examples.measured.lathe import MAPPED, Lathe, make_lathe
 from examples.measured.lathe_runs import DISPLACEMENTS, Run, read_runs
 from thermap import AsyncThermapClient
-from thermap.answers import AnalysisAnswer, AnalysisResult
+from thermap.answers import AnalysisResult
 
 UNSEEN_EACH: Final = 3
 FIRST_UNSEEN: Final = ("20200615", "20200616", "20200618")
 """The first runs: every third from each of them on, and each run is unseen once."""
 
 MOST_ROUNDS: Final = 8
-LOOK_EVERY_S: Final = 0.5
 MOST_ROWS: Final = 10_000
 
 
@@ -214,7 +213,7 @@ async def _close(thermap: AsyncThermapClient, machine: str) -> list[Seen]:
     for _ in range(MOST_ROUNDS):
         known = [one.id for one in await thermap.verifications(machine)]
         job = await thermap.analyse(machine, {"verifications": known})
-        result = (await _finished(thermap, machine, job.id)).result
+        result = (await thermap.wait_for_analysis(machine, job.id)).result
         if result is None:
             raise RuntimeError(f"analysis {job.id} came to no answer")
         version = None
@@ -225,14 +224,6 @@ async def _close(thermap: AsyncThermapClient, machine: str) -> list[Seen]:
         if version is None:
             break
     return seen
-
-
-async def _finished(thermap: AsyncThermapClient, machine: str, number: int) -> AnalysisAnswer:
-    while True:
-        analysis = await thermap.analysis(machine, number)
-        if analysis.status not in ("queued", "running"):
-            return analysis
-        await asyncio.sleep(LOOK_EVERY_S)
 
 
 async def _held(

@@ -290,7 +290,7 @@ def test_nobody_listens(run, no_service_url, write, monkeypatch, tmp_path, argum
     files = [file] if arguments[0] == "import" else []
     found = run(*arguments, *files, "--url", no_service_url)
     assert found.exit_code == 1
-    assert found.stderr.endswith("start one with `thermap serve`\n")
+    assert found.stderr.endswith("is `thermap serve` running there?\n")
     assert not (tmp_path / "laser.csv").exists()
 
 

@@ -288,7 +288,7 @@ def test_nobody_listens(run, no_service_url, tmp_path, command):
     found = run(command, *arguments, "--url", no_service_url)
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr == (
-        f"thermap: no thermap at {no_service_url}: start one with `thermap serve`\n"
+        f"thermap: no thermap at {no_service_url}: is `thermap serve` running there?\n"
     )
 
 

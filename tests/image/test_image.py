@@ -63,7 +63,7 @@ def test_the_lock_is_of_what_the_project_asks_for():
         if "uv pip compile" in line
     }  # fmt: skip
     optional = PROJECT["project"]["optional-dependencies"]
-    assert set(extras) == optional.keys() - {"test", "benchmark"}
+    assert set(extras) == optional.keys() - {"test", "benchmark", "notebook"}
     asked = PROJECT["project"]["dependencies"] + [one for name in extras for one in optional[name]]
     for lock, needs in (
         ("requirements.lock", asked),

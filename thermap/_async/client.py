@@ -8,8 +8,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
 from datetime import datetime
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import httpx
 
@@ -198,6 +199,45 @@ class AsyncThermapClient:
     async def preview_error_map(self, machine: str, error_map: Content) -> PreviewAnswer:
         """Say what storing a map would do to the tables; nothing is stored."""
         return await self.send(calls.preview_error_map(machine, error_map))
+
+    async def import_file(
+        self,
+        machine: str,
+        path: str | Path,
+        *,
+        kind: Literal["map", "check"] | None = None,
+        label: str | None = None,
+        measured_at: datetime | str | None = None,
+        temperatures_c: Mapping[str, float] | None = None,
+        axis: str | None = None,
+        method: str | None = None,
+        preview: bool = False,
+        accept_losses: bool = False,
+    ) -> calls.ImportedFile:
+        """Store a file: an error map, an instrument's readings, or check measurements.
+
+        The service recognises which, and answers as it does to them. With `preview` nothing is
+        stored, and the answer says how the file was read or what a map would change.
+
+        Parameters
+        ----------
+        kind
+            What it holds, where the file itself does not say.
+        label, measured_at, temperatures_c, axis
+            Of a map, where its file has none: name, time, every sensor's temperature [°C], axis.
+        method
+            By which method it was measured, where it is a table of readings (`positioning` …).
+        """
+        beside = {
+            "kind": kind,
+            "label": label,
+            "measured_at": measured_at,
+            "temperature": [f"{name}={value}" for name, value in (temperatures_c or {}).items()],
+            "axis": axis,
+            "method": method,
+        }
+        storing = calls.Storing(accept_losses=accept_losses, preview=preview)
+        return await self.send(calls.import_file(machine, Path(path), beside, storing))
 
     async def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
         """List a machine's error maps in the order in which they were stored."""
@@ -635,6 +675,36 @@ class AsyncThermapClient:
     async def analysis(self, machine: str, analysis_id: int) -> AnalysisAnswer:
         """Show how far an analysis is and, once it is done, what it found."""
         return await self.send(loop_calls.analysis(machine, analysis_id))
+
+    async def wait_for_analysis(
+        self,
+        machine: str,
+        analysis_id: int,
+        *,
+        progress: loop_calls.Progress | None = None,
+        timeout_s: float | None = None,
+    ) -> AnalysisAnswer:
+        """Wait until an analysis is done, and give what it found.
+
+        Parameters
+        ----------
+        progress
+            Called at every look, some a second, with the share that is done, 0 to 1, and what is
+            being done.
+        timeout_s
+            Longest wait [s]; None for as long as it takes.
+
+        Raises
+        ------
+        NotAnalysedError
+            If it failed or was cancelled.
+        TimeoutError
+            If it is not done in time; it goes on nevertheless.
+        """
+        waiting = loop_calls.Waiting(progress, timeout_s)
+        while waiting.goes_on(job := await self.analysis(machine, analysis_id)):
+            await asyncio.sleep(loop_calls.POLL_S)
+        return job
 
     async def analysis_report(self, machine: str, analysis_id: int) -> str:
         """Read an analysis as a page for a person: HTML that needs no other file."""
