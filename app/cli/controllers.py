@@ -52,7 +52,8 @@ FormatOption = Annotated[
         "--option",
         "-o",
         metavar="NAME=VALUE",
-        help='Option of the format, such as sign=error or \'axes={"x": "AX1"}\'; once for each.',
+        help="Option of the format, such as sign=error, components=EXX,EYY or "
+        '\'axes={"x": "AX1"}\'; once for each.',
     ),
 ]
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import ErrorTable
@@ -23,6 +23,14 @@ Spacing = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e6)
 Count = Annotated[int, Field(strict=True)]
 Named = TypeVar("Named")
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,32}$")]
+
+
+def _split(stated: object) -> object:
+    """Take a text such as `EXX, EYY`, which is how a list is written on a command line, apart."""
+    return [part.strip() for part in stated.split(",")] if isinstance(stated, str) else stated
+
+
+Codes = Annotated[list[str], Field(max_length=100), BeforeValidator(_split)]
 
 CHECK_FILE: Final = "thermap-check.txt"
 """File beside every export that says what has to move, and how far."""
@@ -49,7 +57,7 @@ class Options(BaseModel):
     layout: ClassVar[frozenset[str]] = frozenset(("most_points", "spacing_mm"))
     """Options that only shape what is written: files are read without them."""
 
-    components: Annotated[list[str], Field(max_length=100)] | None = Field(
+    components: Codes | None = Field(
         None, description="Codes of the components to write; every one that the format holds"
     )
 

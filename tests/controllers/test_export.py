@@ -405,3 +405,8 @@ def test_too_many_bands_and_other_sensors_are_refused():
         )
     with pytest.raises(InvalidContent, match="expected the sensors"):
         temperature_bands(growing, {"x-middle": 20.0}, {"spindle": 30.0}, 1.0)
+
+
+def test_components_are_listed_as_a_command_line_lists_them():
+    listed = options_for("linuxcnc", components=["EXX", "EYY"])
+    assert options_for("linuxcnc", components="EXX, EYY") == listed
