@@ -76,7 +76,7 @@ def test_pitch_within_its_error():
 @pytest.mark.slow
 def test_change_time_stays_on_its_grid_between_the_right_visits():
     campaign = make_campaign(22, visits=20)
-    planted = 2.0 * ((campaign.time > 0.47) & campaign.on(0))
+    planted = 2.5 * ((campaign.time > 0.47) & campaign.on(0))
     (term,) = found_in(campaign.plus(planted)).terms
     assert term.key == "step-0"
     assert 0.45 - 1e-6 <= term.theta < 0.5
