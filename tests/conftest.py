@@ -1,6 +1,7 @@
 """What all tests share: databases made fast by copying, the service, its clock, and a client."""
 
 import gc
+import os
 from contextlib import ExitStack
 
 import pytest
@@ -25,6 +26,11 @@ settings.load_profile("thermap")
 # As analyses have it. Of small matrices, the threads of several test processes wait for each
 # other: a search that is called here took fifteen times its processor time.
 one_blas_thread()
+
+
+def pytest_xdist_auto_num_workers():
+    """Run one more process than there are cores: many tests wait for a process or for a timer."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.hookimpl(wrapper=True)

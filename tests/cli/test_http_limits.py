@@ -200,6 +200,7 @@ def test_who_is_served_is_not_ended_for_others(port):
                     assert client.recv(PART) != b""
 
 
+@pytest.mark.slow
 def test_all_bodies_together(port):
     share = MOST_BODY_BYTES // 2
     length = MOST_BODY_BYTES // 4

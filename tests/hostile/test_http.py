@@ -155,6 +155,7 @@ def noise(chance):
     return bytes(sent[: chance.choice([len(sent), chance.randrange(len(sent))])])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [head_of, with_length, chunked, pipelined, noise])
 def test_what_comes_is_answered_or_refused_and_tables_go_on(service, kind, hostile_inputs):
     port, process, log = service

@@ -143,6 +143,7 @@ def test_samples_sent_one_by_one_are_the_record_that_they_would_be_together():
         assert a.record == b.record == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("wander_um", [3.0, 10.0])
 def test_of_values_that_only_wander_nothing_is_named(seed, wander_um):

@@ -222,6 +222,7 @@ def held_out(courses):
     return found, fitted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rough", "smooth"])
 def test_where_nothing_drives_next_to_nothing_is_corrected(kind):
     """The correction's variance is a small share of the wander's, in set-ups held out."""
