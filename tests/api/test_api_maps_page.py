@@ -33,6 +33,8 @@ async def test_the_active_version_stands_first_and_two_are_compared(client):
     assert "v3 is active" in page.text
     assert "3 maps and no effect" in page.text
     assert "A v2, B v3, at the latest temperatures" in page.text
+    assert "outside its maps interpolated" in page.text
+    assert "clamped" not in page.text
     assert "Compare v1 as A" in page.text
     assert "A v3, B v2" in (await shown(client, f"{MAPS}?a=3&b=2")).text
     problem(await client.get(f"{MAPS}?a=9"), 404)

@@ -20,6 +20,7 @@ from app.services.maps_view import MapsView
 from app.services.models import Preview
 from app.services.recorded_change import RecordedChanges
 from app.storage.records import ModelVersion, StoredMap
+from app.thermal.bracket import Status
 from app.thermal.error_map import ErrorMap
 from app.units import unit_of_field
 
@@ -39,6 +40,9 @@ MOST_RECORDED: Final = 4
 
 SEEN: Final = 0.05
 """Changes below are 0.0 as they are written: their rows fold into one."""
+
+_STATUSES: Final[Mapping[str, str]] = {Status.CLAMPED: "outside its maps"}
+"""A machine shop clamps workpieces."""
 
 
 def maps_page(view: MapsView, now: datetime) -> str:
@@ -260,8 +264,8 @@ def _row(one: ComponentChange) -> dict[str, Any]:
         "change": signed(-one.change),
         "unit": one.component.unit.symbol,
         "place": place,
-        "before": one.status_before,
-        "after": one.status_after,
+        "before": _STATUSES.get(one.status_before, one.status_before),
+        "after": _STATUSES.get(one.status_after, one.status_after),
     }
 
 
