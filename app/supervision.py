@@ -34,8 +34,6 @@ async def keep_running(
 
     Parameters
     ----------
-    name
-        Of it, for the log.
     ended
         Is told each time why it ended, in a sentence; without it the log is, each sentence once.
     lets_through

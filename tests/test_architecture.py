@@ -5,7 +5,6 @@ import graphlib
 import importlib
 import importlib.util
 import inspect
-import itertools
 import pkgutil
 import re
 import sys
@@ -271,6 +270,19 @@ def test_docstrings_of_pure_functions():
     assert wrong == []
 
 
+PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.M | re.S)
+ENTRY = re.compile(r"^(\S[^\n]*)((?:\n[ \t]+\S[^\n]*|\n(?=\n[ \t]))*)", re.M)
+NAMES = re.compile(r"\*{0,2}([A-Za-z_0-9]+(?:, \*{0,2}[A-Za-z_0-9]+)*)(?: : (.*))?")
+
+
+def entries_of(text):
+    """Give names, type and words of each entry of the section Parameters."""
+    section = PARAMETERS.search(text)
+    for heading, words in ENTRY.findall(section[1]) if section else ():
+        names, kind = NAMES.fullmatch(heading).groups()
+        yield set(re.findall(r"\w+", names)), kind or "", " ".join(words.split())
+
+
 def missing_in(function):
     """Say what a docstring lacks."""
     text = inspect.getdoc(function)
@@ -279,22 +291,71 @@ def missing_in(function):
         return
     if not text.split("\n\n")[0].strip().endswith((".", "?")):
         yield "begins with a paragraph that is no sentence"
-    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.M | re.S)
-    if section:
-        first_lines = r"^\*{0,2}([a-z_0-9]+(?:, [a-z_0-9]+)*)(?: :.*)?$"
-        described = set(re.findall(first_lines, section[1], re.M))
-        named = {one for names in described for one in names.split(", ")}
-        taken = set(inspect.signature(function).parameters) - {"self", "cls"}
-        if named - taken:
-            yield f"describes {named - taken}, which it does not take"
-        for parameter in taken:
-            array = re.search(rf"^{parameter} :.*ndarray.*$", section[1], re.M)
-            if array and "shape" not in array[0]:
-                yield f"gives {parameter} no shape"
-        lines = [*section[1].split("\n"), ""]
-        for line, following in itertools.pairwise(lines):
-            if line[:1].strip() and "shape" not in line and not following.startswith(" "):
-                yield f"names {line} and says nothing of it"
+    taken = set(inspect.signature(function).parameters) - {"self", "cls"}
+    for names, kind, _ in entries_of(text):
+        if names - taken:
+            yield f"describes {names - taken}, which it does not take"
+        if "ndarray" in kind and "shape" not in kind:
+            yield f"gives {names} no shape"
+
+
+def documented():
+    """Give each function and class with a docstring, and the annotations of its parameters."""
+    for path in [*MODULES, *sorted(CLIENT.rglob("*.py"))]:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+                types = {a.arg: ast.unparse(a.annotation) for a in arguments if a.annotation}
+            elif isinstance(node, ast.ClassDef):
+                fields = [field for field in node.body if isinstance(field, ast.AnnAssign)]
+                types = {ast.unparse(f.target): ast.unparse(f.annotation) for f in fields}
+            else:
+                continue
+            if text := ast.get_docstring(node):
+                yield f"{path.name}: {node.name}", node.name, types, text
+
+
+def words_in(text):
+    """Split names and prose into words, without case, plurals and what says nothing."""
+    parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+", text)
+    return {part.lower().removesuffix("s") for part in parts} - SAYS_NOTHING
+
+
+SAYS_NOTHING = {
+    *("the", "a", "an", "of", "it", "thi", "that", "which", "is", "are", "all", "to", "be", "in"),
+    *("what", "whose", "their", "and", "for", "given", "each", "used", "value", "object"),
+}
+
+
+def repeats_its_name(names, kind, words, types, owner):
+    """Whether an entry has no word that name, type and owner do not have."""
+    if kind or "None" in words:
+        return False
+    text = " ".join([owner, *names, *(types.get(name, "") for name in names)])
+    units = {name.rsplit("_", 1)[-1] for name in names}
+    return not words_in(words) - words_in(text) - words_in(" ".join(units))
+
+
+def test_no_entry_of_a_docstring_repeats_a_name_or_a_type():
+    """A section is for units, shapes, signs and the meaning of None that the type does not say."""
+    described = 0
+    wrong = []
+    for place, owner, types, text in documented():
+        for names, kind, words in entries_of(text):
+            described += 1
+            if repeats_its_name(names, kind, words, types, owner):
+                wrong.append(f"{place} describes {names}: {words}")
+    assert described > 1000
+    assert wrong == []
+
+
+def test_what_an_entry_must_not_be():
+    types = {"campaign": "Campaign", "table": "CompensationTable", "wait_s": "float"}
+    assert repeats_its_name({"campaign"}, "", "The campaign.", types, "analyse")
+    assert repeats_its_name({"table"}, "", "The compensation table.", types, "compare")
+    assert repeats_its_name({"wait_s"}, "", "Wait [s].", types, "Turns")
+    assert not repeats_its_name({"wait_s"}, "", "None: for ever.", types, "Turns")
+    assert not repeats_its_name({"wait_s"}, "", "Longest [s].", types, "Turns")
 
 
 def test_factors_of_thousand_stand_in_units_alone():

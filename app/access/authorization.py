@@ -23,8 +23,6 @@ class Requirement:
 
     Parameters
     ----------
-    role
-        Whose rights it needs.
     machine
         Id of the machine that it is about; None where it is about none, or about several.
     all_machines
@@ -69,8 +67,6 @@ class Authorization:
         As it was when the request came.
     expires_at
         When the session ends; None for a key, which does not.
-    now
-        The service's clock.
     """
 
     digest: str

@@ -106,15 +106,7 @@ def requirement_of(method: str, path: str) -> Requirement | None:
 
 
 class AccessControl:
-    """Refuses who has no key, or not the right one.
-
-    Parameters
-    ----------
-    ring
-        The keys in memory.
-    is_on
-        Whether keys are asked for at all.
-    """
+    """Refuses who has no key, or not the right one."""
 
     def __init__(self, ring: KeyRing, *, is_on: bool) -> None:
         self.ring = ring

@@ -41,8 +41,6 @@ class Page(HTMLResponse):
     scripts
         How many scripts were written into it; their hashes become part of the policy. Where
         others stand in it, somebody else wrote one: then none of them may run.
-    has_form
-        Whether it sends a form to the service itself.
     """
 
     def __init__(

@@ -196,8 +196,6 @@ class LogFollower:
     ----------
     kinds
         Names of the events that it wants, of `NEWS`; without any of them nothing is sent.
-    sees
-        Which entries it may have.
     machine_id
         Whose events it wants; None for all.
     last

@@ -34,8 +34,6 @@ class Table:
 
     Parameters
     ----------
-    number
-        Later tables of this service have larger ones.
     curves
         All errors as they are written; None without a table.
     facts

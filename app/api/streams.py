@@ -74,15 +74,11 @@ class Wanted:
     max_step
         No value changes by more than this from one table to the next [the value's unit]; None
         for no limit.
-    last_number
-        Number of the last table that the follower has had.
     heartbeat_s
         After so long without an event a `heartbeat` comes [s]; None: a comment after 15 s, which
         programs in a browser do not see.
     kinds
         Of `TABLES` and `app.api.streamed_log.NEWS`.
-    last_entry
-        Number of the last entry of the log that the follower has had.
     """
 
     min_change: float = 0.1

@@ -291,8 +291,6 @@ def _layout(
 
     Parameters
     ----------
-    known
-        As `_known`.
     corrected
         Codes of the components that are written by themselves.
     """

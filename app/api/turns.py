@@ -27,13 +27,7 @@ the connections to PostgreSQL."""
 
 
 class Turns:
-    """Who may work now, and who waits for it.
-
-    Parameters
-    ----------
-    wait_s
-        How long one waits at most [s].
-    """
+    """Who may work now, and who waits for it."""
 
     def __init__(self, most_waiting: int, wait_s: float) -> None:
         # A free turn is taken without a switch to other tasks: the usual case costs nothing.

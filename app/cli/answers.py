@@ -77,8 +77,6 @@ def listing(*headings: str, right: str = "") -> Table:
 
     Parameters
     ----------
-    headings
-        Of the columns, with their units.
     right
         A letter for each column, r where it holds numbers; the others stand left.
     """

@@ -74,8 +74,6 @@ class SharedLimits:
     ----------
     count_refusal
         Is told the status of each refusal.
-    most_connections
-        Connections at the same time.
     most_body_bytes
         Of all requests that are not answered yet.
     """

@@ -181,8 +181,6 @@ def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -
     ----------
     found
         In order of time.
-    first
-        From when on they were asked for.
     limit
         How many were asked for; as many may not be all.
     """

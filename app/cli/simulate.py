@@ -163,8 +163,6 @@ def step_diagonal_lines(
     ----------
     plan
         What it was asked, of which noise, resolution and tilts are told in a sentence.
-    label, measured_at
-        Of the map that the file would make.
     """
     yield f"# label: {label}"
     yield f"# machine: {found.machine}"

@@ -33,8 +33,6 @@ class Workers:
 
     Parameters
     ----------
-    settings
-        As of one service.
     opened
         The listening socket, from which each takes connections.
     """

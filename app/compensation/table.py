@@ -271,8 +271,6 @@ def omissions(omitted: Mapping[str, str], limit: int = 20) -> dict[str, tuple[st
 
     Parameters
     ----------
-    omitted
-        Code to the reason.
     limit
         Codes that a sentence names; of the others it says how many they are.
 

@@ -259,8 +259,6 @@ class Intake:
 
         Parameters
         ----------
-        temperatures_c
-            Sensor to temperature [°C].
         time
             When they were measured, with its zone; without one, now, by the service's clock.
             A value of a time for which the sensor has another one already is refused. What

@@ -21,14 +21,10 @@ class Stated:
 
     Parameters
     ----------
-    temperatures_c
-        Sensor to temperature [°C].
     time
         The sender's, where it is configured.
     wrong
         What else it says that cannot be read.
-    without
-        Sensors of which it says that they have no value.
     """
 
     machine: str

@@ -115,8 +115,6 @@ class ServerFollower:
     take
         Takes what was found. An empty list says that contact was lost: what was known is not
         known any more.
-    now
-        The service's clock.
     publishing_s
         How often the server is to say what has changed [s].
     repeated_s

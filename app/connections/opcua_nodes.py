@@ -69,8 +69,6 @@ class Nodes:
         ----------
         path
             The node's id.
-        above
-            The object that it belongs to; without one, the folder.
 
         Raises
         ------

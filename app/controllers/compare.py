@@ -52,17 +52,6 @@ class Comparison:
 def compare(controller: Format, table: ErrorTable, held: Parsed, options: Options) -> Comparison:
     """Compare what a controller's files hold with what they should hold.
 
-    Parameters
-    ----------
-    controller
-        The format of the files.
-    table
-        The machine's errors now.
-    held
-        What was read of the files.
-    options
-        The format's options.
-
     Raises
     ------
     InvalidContent

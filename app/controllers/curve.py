@@ -20,8 +20,6 @@ class Curve:
 
     Parameters
     ----------
-    component
-        Which error.
     positions_mm : ndarray, shape (k,) [mm]
         Strictly increasing; empty for a single value such as squareness.
     errors : ndarray, shape (k,), or (1,) for a single value [the component's unit]
@@ -132,13 +130,6 @@ class Difference:
 
 def difference(held: Curve, wanted: Curve) -> Difference:
     """Compare two curves over the positions of the second, at the nodes of both.
-
-    Parameters
-    ----------
-    held
-        What a controller holds.
-    wanted
-        What it should hold.
 
     Returns
     -------

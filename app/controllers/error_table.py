@@ -59,8 +59,6 @@ class ErrorTable:
         Each axis' range [mm]: its travel, or that of its tables.
     sizes_um
         Code to the largest displacement [µm] that the component alone makes in the volume.
-    warnings
-        What is to be said of the table.
     reversals_um
         Code to the largest displacement [µm] in the volume that half of its reversal makes.
     """
@@ -85,10 +83,6 @@ class ErrorTable:
 
         Parameters
         ----------
-        table
-            The compensation table.
-        machine
-            Whose it is.
         errors
             The same errors as a function of position, by which components are sized; where there
             is none nothing is sized.

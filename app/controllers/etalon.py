@@ -127,17 +127,7 @@ def _row(
 
 
 def value_of(line: Line, text: str, component: Component) -> float:
-    """Read a component's value and give it in our unit and sign; larger than any is refused.
-
-    Parameters
-    ----------
-    line
-        Line that states it.
-    text
-        The number.
-    component
-        Whose value it is.
-    """
+    """Read a component's value and give it in our unit and sign; larger than any is refused."""
     value = line.number_of(text, f"a value of {component.code}")
     turns = abs(file_factor(component)) < 1e-5
     limit, unit = (_LARGEST_RAD, "rad") if turns else (LARGEST_ERROR_MM, "mm")

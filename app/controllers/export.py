@@ -80,10 +80,6 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
 
     Parameters
     ----------
-    controller
-        The format.
-    table
-        The machine's errors.
     options
         Its options: which components, and where it is 0.
 
@@ -219,12 +215,8 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
 
     Parameters
     ----------
-    controller
-        The format.
     table
         The machine's errors at one thermal state.
-    options
-        The format's options.
 
     Returns
     -------

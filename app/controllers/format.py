@@ -91,15 +91,7 @@ class HomeOptions(Options):
 
 
 def steps_at_home(held: Sequence[Curve], options: HomeOptions, when: str) -> list[str]:
-    """Warn of each axis that does not stand still when its compensation begins to act.
-
-    Parameters
-    ----------
-    held
-        What the controller holds.
-    when
-        The moment of the step.
-    """
+    """Warn of each axis that does not stand still when its compensation begins to act."""
     warnings = []
     for axis in LINEAR_LETTERS:
         moving = [curve for curve in held if curve.component.direction == axis]
@@ -140,8 +132,6 @@ class NotHeld:
     largest
         Largest displacement that it makes in the work volume [µm]; of a tilt of a rotary axis,
         whose displacement depends on where the workpiece lies on its table, the angle [µrad].
-    unit
-        Of it.
     """
 
     component: str
@@ -202,17 +192,11 @@ class Format:
         In words.
     status
         How surely all this is known.
-    holds
-        Codes of the components that it can hold.
     folds
         Whether squareness is folded into straightness because there is no table for it.
     both_directions
         Codes of the components of which it holds both directions of approach; of the others it
         holds their mean.
-    options
-        What it can be told.
-    render, parse
-        Curves to files, and back.
     resolution
         Smallest difference of two values [µm or µrad] as the options have it.
     for_band

@@ -94,8 +94,6 @@ def even_grid(low_mm: float, high_mm: float, spacing_mm: float, through_mm: floa
     ----------
     low_mm, high_mm
         The range [mm], which the grid covers; it may end up to a step beyond.
-    spacing_mm
-        Distance of the nodes [mm].
     through_mm
         Where a node lies, or would lie if the grid went on [mm].
 

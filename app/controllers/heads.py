@@ -26,8 +26,6 @@ def head(
     ----------
     origin
         Machine, model version, time and temperatures.
-    controller, options
-        The format, and how it was written.
     values
         What the values are; where left out, what their sign says.
     """

@@ -77,10 +77,6 @@ def lines_of(file: str, content: str, comment: str | None = None) -> Iterator[Li
 
     Parameters
     ----------
-    file
-        Its name.
-    content
-        Its text.
     comment
         What begins a comment, which is left out; None where the format has none.
 

@@ -19,8 +19,6 @@ def read_files(
 
     Parameters
     ----------
-    controller
-        The format.
     files
         All files of one controller. Of the check table that lies beside an export the head is
         read: some formats have no place for one.

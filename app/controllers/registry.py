@@ -54,8 +54,6 @@ def options_of(controller: Format, stated: Mapping[str, Any]) -> Options:
 
     Parameters
     ----------
-    controller
-        The format.
     stated
         Name to value.
 

@@ -88,10 +88,6 @@ def program(
 
     Parameters
     ----------
-    file
-        The file.
-    prefix
-        What the names begin with.
     switches
         Names of the machine and setting data that switch the tables on and off.
     reading

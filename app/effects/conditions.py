@@ -427,8 +427,6 @@ class Conditions:
 
         Parameters
         ----------
-        time_s
-            When [s].
         temperatures_c
             Usable temperatures [°C].
         lags

@@ -24,8 +24,6 @@ class Provenance:
 
     Parameters
     ----------
-    found_by
-        The analysis that found it.
     refitted_by
         Those that fitted it anew since, in their order.
     verifications
@@ -52,8 +50,6 @@ class Effect:
     parameters, standard_errors
         By name with unit, such as `time_constant_min`; one standard deviation of each. A
         parameter that was not estimated has no standard error.
-    terms
-        What it adds to the model.
     valid
         The ranges in which it was learnt; None where an older version of this software adopted
         it, which did not keep them.

@@ -58,8 +58,6 @@ def flexible_versions(
     ----------
     unit_terms
         Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
-    theta
-        The nonlinear parameter that was found.
     time_constants
         Bounds of the nonlinear parameter where that is a time constant; else None.
     """

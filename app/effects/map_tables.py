@@ -200,11 +200,6 @@ def times_of_maps(model: CompiledModel, maps: Sequence[ErrorMap], code: str) -> 
 def scale_by(group: Group, sensor: str, map_temperatures_c: Mapping[str, float]) -> Scale | None:
     """Put a group's maps on any sensor's scale.
 
-    Parameters
-    ----------
-    map_temperatures_c
-        Map label to its temperature then [°C].
-
     Returns
     -------
     Scale, or None

@@ -73,8 +73,6 @@ class Observation:
         The component's code; None at a point.
     position_mm
         Position on the component's axis; squareness has none.
-    point_mm, tool_offset_mm
-        The point and the tool offset [mm].
     directions
         Approach of x, y, z: +1, −1, 0 where it is not known.
     state

@@ -137,13 +137,7 @@ class Past:
     def update(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
     ) -> Past:
-        """Take the next reading.
-
-        Parameters
-        ----------
-        temperatures_c
-            Believable temperatures [°C].
-        """
+        """Take the next reading."""
         latest = {name: (time_s, value) for name, value in states.items() if name in self.states}
         return Past(
             self.lags.update(time_s, temperatures_c, states),

@@ -83,13 +83,7 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """The rows of a campaign, ready to be asked how a component shows in them.
-
-    Parameters
-    ----------
-    model
-        The compiled model: its chain, its measuring lines, its tables.
-    """
+    """The rows of a campaign, ready to be asked how a component shows in them."""
 
     model: CompiledModel
     rows: ObservationRows

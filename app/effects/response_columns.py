@@ -131,8 +131,6 @@ def listed_columns(
 
     Parameters
     ----------
-    sensors, states
-        Names.
     late_min
         Time constants [min].
     maps_sensor
@@ -184,8 +182,6 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
 
     Parameters
     ----------
-    columns
-        Which.
     zero
         What temperatures are counted from.
     conditions

@@ -77,8 +77,6 @@ class Reach:
 
     Parameters
     ----------
-    columns
-        What drives it.
     ranges
         Each column's smallest and largest value.
     longest_min
@@ -119,8 +117,6 @@ class Reach:
         ----------
         asked, values
             The columns at n moments, and as they are held.
-        learnt
-            What follows of these.
         noise
             What no driver explains.
         """

@@ -65,8 +65,6 @@ def left_by_maps(
 
     Parameters
     ----------
-    codes
-        Whose tables.
     label
         Of one map alone; None: of all maps.
 

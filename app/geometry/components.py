@@ -51,8 +51,6 @@ class Component:
         ISO 230-1 code, `EXX`; squareness `SXY`; nonrigid slope `EYY^x`.
     chapter
         The chapter's notation, `D_x(x)`; empty for rotary-axis locations.
-    unit
-        Unit of its values.
     axis
         Axis of motion that is the table's argument; None for a single value.
     direction

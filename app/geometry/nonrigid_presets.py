@@ -19,8 +19,6 @@ class NonrigidPreset:
 
     Parameters
     ----------
-    equations
-        Where it is printed.
     slopes
         Component codes of the slopes that are not negligible.
     """

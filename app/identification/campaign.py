@@ -33,8 +33,6 @@ class Campaign:
         an effect with a time constant needs five of them.
     state_readings
         Time [s] and the machine's state of each reading, in order of time.
-    effects
-        What the model has adopted.
     verification_ids
         Numbers under which the verifications are stored; none where they are not.
     older_readings

@@ -114,8 +114,6 @@ def contradiction(
 
     Parameters
     ----------
-    rows
-        The residuals, with the repeatability as it is stated.
     shown
         Channel to what nearly all lengths show in its place [µm]; empty: nothing is contradicted.
     """

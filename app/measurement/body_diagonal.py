@@ -306,11 +306,6 @@ class DiagonalRuns:
     def stretch_um_per_m(self, diagonal_mm: float) -> float:
         """Compute by how much the diagonal is too long, of its measured length.
 
-        Parameters
-        ----------
-        diagonal_mm
-            Length of the volume's diagonal [mm].
-
         Returns
         -------
         float

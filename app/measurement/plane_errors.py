@@ -234,8 +234,6 @@ def fit_scale_and_squareness(
         Nominal x, y of the holes, not on one line.
     errors_um : ndarray, shape (n, 2) [µm]
         Their errors.
-    grid
-        Fit of rows and columns, whose noise is taken where there is one.
     repeatability_um
         Standard deviation of one coordinate [µm], where nothing shows the noise.
 

@@ -164,8 +164,6 @@ def over_positions(field: str, readings: FloatArray, positions: int, unit: str) 
     ----------
     readings : ndarray, shape (m,) or (n, m) [unit]
         One run, or several.
-    positions
-        Number m of positions.
 
     Returns
     -------

@@ -77,8 +77,6 @@ class ThermalDrift:
         Those of them that were said to count so.
     states
         The thermal states that were asked for, in order of time.
-    result
-        The tables of the last state, the figures and the notes.
     """
 
     test: DriftTest

@@ -47,8 +47,6 @@ class Remarks:
     ----------
     complete
         Whether nothing is missing in them, or rests on what is old or out of range.
-    warnings
-        All that is not as it should be, in sentences.
     counted_as_zero
         Components that are not known and count as zero.
     """

@@ -38,8 +38,6 @@ class Dialect(ABC):
 
     Parameters
     ----------
-    suffix
-        Of the file.
     status
         How surely the words are right.
     where

@@ -271,11 +271,6 @@ class Path:
     def arrive(self, place_mm: Place) -> None:
         """Go to a place across the work volume: retract, cross, come down.
 
-        Parameters
-        ----------
-        place_mm
-            Axis to position [mm].
-
         Raises
         ------
         InvalidContent
@@ -294,8 +289,6 @@ class Path:
 
         Parameters
         ----------
-        place_mm
-            Axis to position [mm].
         feed_mm_per_min
             Another feed than that of the manner.
 

@@ -35,8 +35,6 @@ class Halt:
 
     Parameters
     ----------
-    place_mm
-        Axis to position [mm].
     ways
         Axis to the direction of its approach, +1 or −1; an axis whose direction nobody
         stated is not in it.

@@ -253,8 +253,6 @@ class Known(NamedTuple):
 
     Parameters
     ----------
-    terms
-        What it is made of.
     explained : ndarray, shape (n,)
         What all of them together explain of each row in the model as it is; the residuals do
         not hold it.

@@ -37,8 +37,6 @@ class Channel:
 
     Parameters
     ----------
-    number
-        The caller's number of the channel.
     rows : ndarray, shape (n,)
         The caller's row behind each of these.
     scale

@@ -83,8 +83,6 @@ class FoundTerm:
 
     Parameters
     ----------
-    key, family, channels
-        Which candidate, and where it acts.
     theta, theta_error
         Its nonlinear parameter and standard error; infinite where the rows do not bound it.
     amplitudes : ndarray, shape (k,)
@@ -226,8 +224,6 @@ class Unexplained:
         `generic`, `lack-of-fit`, `held-out`, `many-of-one-family`, `many-at-one-place`, `far-off`,
         `alike-outliers`, or `flexible`: a flexible version of a found term explains something that
         the term itself does not.
-    channel
-        Where.
     moves_with
         What it moves with: a generic candidate's key, a family; None: not known.
     """
@@ -312,8 +308,6 @@ class Findings:
         In a word; `unexplained` may still hold terms: they are proxies then.
     global_p
         Probability that noise alone gives a candidate as strong as the strongest one here.
-    excluded, untested
-        What took no part, and what could not be tested.
     predicted, adopted : ndarray, shape (n,)
         What a model that did not see a row's visit predicts of it: with refitted maps, and by the
         terms alone, those that are refitted included; nan: excluded.

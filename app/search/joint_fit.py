@@ -236,8 +236,6 @@ class _Shares:
 
     Parameters
     ----------
-    channels
-        Their numbers.
     gram, slope : ndarray, shape (c, L, k, k) and (c, L, k)
         As `Share` has them; 0 for amplitudes of which a channel shows nothing.
     rss, handicap : ndarray, shape (c, L)

@@ -44,11 +44,6 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
 
     By chance, anything at all is said in one campaign of a hundred at the search's usual level.
 
-    Parameters
-    ----------
-    draws
-        Draws of noise.
-
     Returns
     -------
     list of tuple of str

@@ -186,13 +186,7 @@ def as_assumed(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
 
 
 def drawn_noise(states: Mapping[int, State], draws: Draws) -> dict[int, DrawnNoise]:
-    """Draw every channel's noise.
-
-    Parameters
-    ----------
-    states
-        Channel to state, beside the terms that are given.
-    """
+    """Draw every channel's noise."""
     return {c: DrawnNoise.of(state, draws) for c, state in states.items()}
 
 

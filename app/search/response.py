@@ -106,8 +106,6 @@ class Group:
 
     Parameters
     ----------
-    name
-        What it is.
     directions : ndarray, shape (p, q)
         Each a column.
     as_large_as : ndarray, shape (p, r)
@@ -145,10 +143,6 @@ class Response:
 
     Parameters
     ----------
-    courses
-        The set-ups.
-    groups
-        How their coefficients may lie.
     expected : ndarray, shape (p,)
         Prior mean μ of the coefficients.
     weights : ndarray, shape (m,), or None
@@ -225,8 +219,6 @@ class Response:
         ----------
         start : ndarray, shape (h,)
             Logarithms from which to begin; None: where the priors are.
-        steps
-            Most steps.
         """
         low, high = WITHIN
         bounds = np.column_stack([self.start - low, self.start + high])
@@ -333,15 +325,7 @@ class Response:
 
 
 class Fitted:
-    """A response with its scales: what it says of other set-ups.
-
-    Parameters
-    ----------
-    response
-        The set-ups.
-    logarithms
-        Of its scales.
-    """
+    """A response with its scales: what it says of other set-ups."""
 
     def __init__(self, response: Response, logarithms: FloatArray) -> None:
         self.response = response
@@ -365,8 +349,6 @@ class Fitted:
         ----------
         columns : ndarray, shape (k, p)
             The drivers.
-        began
-            When the set-up began.
         without
             Number of a set-up that is left out; scales stay as they were learnt with it.
         """

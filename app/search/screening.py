@@ -85,8 +85,6 @@ class Screened:
     ----------
     use : ndarray, shape (n,)
         Rows that take part.
-    excluded
-        The others, with the reason.
     far : ndarray, shape (n,)
         Rows that are far from the others of their visit, those that take part all the same
         because they are too many included.

@@ -102,8 +102,6 @@ def search(
     ----------
     rows
         Residuals: measured minus predicted.
-    candidates
-        What may be lacking; generic ones only say that something is left.
     holdout_fraction
         Share of the visits held out each time: one fold for each 1/share.
     known

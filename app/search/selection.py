@@ -94,8 +94,6 @@ class Selector:
         Which cells take part.
     allowed : ndarray, shape (entries,)
         Which entries may be chosen.
-    most_terms
-        How many are chosen at most.
     known
         Terms that the model has already: fitted beside what is chosen, never exchanged, and taken
         out where they no longer pay.

@@ -120,8 +120,6 @@ class Validation:
 
         Parameters
         ----------
-        channels
-            These channels.
         channel : ndarray of int, shape (n,)
             Each row's channel.
         """

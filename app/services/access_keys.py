@@ -199,11 +199,6 @@ class KeyRing:
 
     While the database is away the keys go on as they were last known: a table that compensates a
     machine does not stop for it.
-
-    Parameters
-    ----------
-    context
-        Of the service as it is then.
     """
 
     def __init__(self, context: Callable[[], Context]) -> None:

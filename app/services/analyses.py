@@ -199,8 +199,6 @@ def try_found_effect(
     ----------
     found_on, analysis_id, place
         The machine, its analysis, and which of its effects, from 0.
-    machine_id, verification_ids
-        The machine on which it is tried, by its active version, and what was measured there.
     tried_together
         On how many machines effects are tried in all.
 

@@ -41,8 +41,6 @@ class FieldQuestion:
     temperatures_c
         Sensor to temperature [°C], one mapping for each thermal state; None for the
         latest reading.
-    tool_offset_mm
-        Tool offset T [mm].
     directions
         Direction of approach of each axis.
     missing_as_zero
@@ -107,8 +105,6 @@ def ask_field(
 
     Parameters
     ----------
-    question
-        At which temperatures, and under which conditions.
     orientation
         Whether the tool's direction is asked for beside its position.
     needed

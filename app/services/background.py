@@ -15,8 +15,6 @@ class Background(ABC):
 
     Parameters
     ----------
-    name
-        Of the thread.
     duty
         What only one of several processes on one database does; None where each does it, and on
         SQLite.

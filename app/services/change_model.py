@@ -171,8 +171,6 @@ def draft_version(
 
     Parameters
     ----------
-    base
-        The version that it is made from.
     maps, assignment, effects
         All its maps; what is assigned otherwise than in the base; its effects.
 
@@ -322,8 +320,6 @@ def remake_waiting(
     ----------
     context, change
         The service, and the machine under its lock, its active version already the new one.
-    waiting
-        The version that waited before.
     without
         Numbers of maps that it loses.
     """

@@ -56,8 +56,6 @@ class ComparedChecks:
 
     Parameters
     ----------
-    left_out
-        How many older checks were not compared.
     together, independent
         All lengths; those of checks that nothing was learned from. None where there are none.
     components

@@ -51,8 +51,6 @@ def compute_grid(
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`.
     nodes_mm
         Coordinates of the nodes along x, y and z [mm], at least two each.
 
@@ -83,8 +81,6 @@ def grid_for_tolerance(
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`.
     tolerance_um
         Largest length of the difference between interpolation and model [µm].
     volume

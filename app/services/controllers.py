@@ -90,10 +90,6 @@ def export_compensation(
     ----------
     context, machine_id, question
         As `ask_field`, of one thermal state.
-    controller_name
-        Name of the format.
-    stated
-        Its options.
     bands
         A range of temperatures over which a set of tables is wanted; the question's temperatures
         are those of the sensors that the range leaves alone.
@@ -204,13 +200,6 @@ def parse_files(
 ) -> tuple[Format, Options, Parsed]:
     """Read a controller's files.
 
-    Parameters
-    ----------
-    controller_name
-        Name of the format.
-    files, stated
-        As `read_files`.
-
     Raises
     ------
     UnknownThing, InvalidContent
@@ -235,8 +224,6 @@ def compare_files(
     ----------
     context, machine_id, question
         As `ask_field`, of one thermal state.
-    controller_name, files, stated
-        As `parse_files`.
 
     Raises
     ------

@@ -114,8 +114,6 @@ def compute_volumetric_error(
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`.
     points_mm : ndarray, shape (n, 3) [mm]
         Nominal points.
     outside_travel_allowed
@@ -274,8 +272,6 @@ def assess_accuracy(
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`.
     volume
         Range of each axis; its travel where nothing is stated.
 
@@ -301,8 +297,6 @@ def compare_levels(
 
     Parameters
     ----------
-    context, machine_id, question, volume
-        As `assess_accuracy`.
     points_per_axis
         Size of the even lattice of points that is looked at.
 
@@ -343,8 +337,6 @@ def picture_work_volume(
         Range of each axis; its travel where nothing is stated.
     exaggeration
         How many times larger than they are errors are drawn; chosen where not stated.
-    arrows_per_axis
-        Number of error vectors along each axis.
 
     Raises
     ------

@@ -198,8 +198,6 @@ def simulate_step_diagonal(
     ----------
     context, machine_id, question
         As `ask_field`; one thermal state.
-    plan
-        Where the diagonals lie, in how many steps, with which noise.
 
     Raises
     ------

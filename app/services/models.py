@@ -293,8 +293,6 @@ def assign_sensors(
 
     Parameters
     ----------
-    context, machine_id, assignment
-        The service, whose sensors, and component code to sensor.
     accept_losses
         Whether the version is activated although it loses something against the active one.
 

@@ -79,8 +79,6 @@ def load_campaign(
 
     Parameters
     ----------
-    machine, version
-        What is held against the verifications.
     until
         The latest time at which a reading can have been measured: later ones do not count yet.
     searching

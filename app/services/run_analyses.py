@@ -59,8 +59,6 @@ def make_runner(
     ----------
     runs_here
         Whether this process runs any.
-    concurrency
-        How many at the same time.
     looked
         Called after every look at the queue, every `QUEUE_POLL_S` or so.
     """

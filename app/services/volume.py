@@ -82,8 +82,6 @@ def show_volume(
 
     Parameters
     ----------
-    tool_offset_mm
-        Tool offset T [mm].
     exaggeration
         How many times larger than they are errors are drawn; chosen where not stated.
     through

@@ -47,8 +47,6 @@ class Week:
         Bodies of requests.
     week, after
         Seven days, and the two days after them.
-    effects
-        What nobody declared, as the simulator describes it.
     """
 
     machine: Body

@@ -82,16 +82,10 @@ class Situation:
 
     Parameters
     ----------
-    model, model_version
-        The active model and its version.
-    sensors
-        Every sensor's state now.
     record
         The latest readings, each judged.
     latest
         Time of the reading in use, None without any.
-    table
-        The table at the latest reading, or why there is none.
     clocks
         What is said of readings whose clock is wrong, that the table rests on.
     notes

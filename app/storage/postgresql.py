@@ -110,8 +110,6 @@ class Listener:
 
     Parameters
     ----------
-    connect
-        Makes a connection.
     sender
         Whose own news are passed over.
     """

@@ -40,8 +40,6 @@ class Coarse(NamedTuple):
 
     Parameters
     ----------
-    step_k
-        Its step [K].
     temperatures_c : ndarray, shape (n,) [°C]
         What it probably was at each reading, within half a step of it.
     stay : ndarray of int, shape (n,)

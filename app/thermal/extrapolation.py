@@ -14,11 +14,6 @@ from app.thermal.machine import Machine
 def weight_limits(machine: Machine, group: Group, scale: Scale, lower: int) -> tuple[float, float]:
     """Find between which weights two neighbouring maps may be extrapolated.
 
-    Parameters
-    ----------
-    group
-        The components that share the limit.
-
     Returns
     -------
     low, high

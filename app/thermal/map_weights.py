@@ -71,11 +71,6 @@ def maps_at(
 def weights_of(scale: Scale, brackets: Brackets) -> FloatArray:
     """Lay brackets on a scale out as weights of the group's maps.
 
-    Parameters
-    ----------
-    brackets
-        Where n temperatures lie on it.
-
     Returns
     -------
     ndarray, shape (n, M)

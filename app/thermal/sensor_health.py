@@ -102,8 +102,6 @@ class JudgedRecord:
 
     Parameters
     ----------
-    history
-        The readings as they came.
     verdicts
         Sensor to the place in `_VERDICTS` of each of its known values.
     states
@@ -127,11 +125,6 @@ class JudgedRecord:
 
 def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) -> list[SensorState]:
     """Judge temperatures that come without a history.
-
-    Parameters
-    ----------
-    temperatures_c
-        Sensor to temperature [°C].
 
     Returns
     -------

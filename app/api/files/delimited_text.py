@@ -61,8 +61,6 @@ class Lack:
     ----------
     field
         Its name in a request, such as `measured_at`.
-    message
-        What was expected and what came.
     """
 
     field: str

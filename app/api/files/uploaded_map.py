@@ -40,8 +40,6 @@ def read_uploaded_map(
     ----------
     name
         The file's name, under which complaints stand.
-    machine
-        The machine that it is for.
     stated
         What takes precedence over what the file says.
     method

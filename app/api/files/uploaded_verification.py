@@ -23,8 +23,6 @@ class UploadedVerification:
     ----------
     remarks
         What of the file was not read.
-    lines
-        Line of each observation.
     """
 
     file: Path
@@ -46,8 +44,6 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     ----------
     name
         The file's name, under which complaints stand; without a label it is called so.
-    machine
-        The machine that was measured.
 
     Raises
     ------

@@ -35,8 +35,6 @@ class InPieces:
     ----------
     most
         Entries that are allowed; at least one is needed.
-    at_once
-        Entries in a piece.
     as_array
         Whether an array of double precision is made of it.
     """

@@ -78,15 +78,7 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
 
 
 def without_replaced(known: Sequence[Effect], adopted: Sequence[Effect]) -> list[Effect]:
-    """Leave out of a model's effects the responses that newly adopted ones take the place of.
-
-    Parameters
-    ----------
-    known
-        What the model has.
-    adopted
-        What is adopted now.
-    """
+    """Leave out of a model's effects the responses that newly adopted ones take the place of."""
     anew = {code for e in adopted if e.kind == Response.kind for code in e.components}
     return [e for e in known if e.kind != Response.kind or not anew.intersection(e.components)]
 

@@ -38,13 +38,7 @@ class SetAside:
 def set_faulty_aside(
     model: CompiledModel, effects: Sequence[Effect], conditions: Conditions
 ) -> SetAside:
-    """Find where stand-ins serve for sensors that read wrong.
-
-    Parameters
-    ----------
-    model
-        The compiled model; it knows which sensors can stand in.
-    """
+    """Find where stand-ins serve for sensors that read wrong."""
     found: dict[int, BoolArray] = {}
     temperatures = dict(conditions.temperatures_c)
     for number, effect in enumerate(effects):

@@ -38,11 +38,6 @@ def read_maps(
 ) -> list[ReadMaps]:
     """Take apart by which sensors a component's maps are read.
 
-    Parameters
-    ----------
-    origin
-        The component's group between its maps, without effects.
-
     Returns
     -------
     list of ReadMaps

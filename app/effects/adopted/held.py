@@ -169,11 +169,6 @@ def conditions_beyond(
 ) -> Iterator[OutsideRange]:
     """Hold the conditions at n moments against where an effect was learnt.
 
-    Parameters
-    ----------
-    model
-        The compiled model: its sensors' resolution.
-
     Yields
     ------
     OutsideRange

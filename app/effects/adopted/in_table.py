@@ -77,8 +77,6 @@ def add_effects(
         The table of the maps alone, faulty sensors set aside (`faulty_marked`).
     moment
         What held when the table holds, faulty sensors' readings included.
-    stale
-        Sensors whose temperature is old.
 
     Returns
     -------
@@ -139,8 +137,6 @@ def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
 
     Parameters
     ----------
-    effect
-        The effect.
     moment
         Conditions of one moment.
     """

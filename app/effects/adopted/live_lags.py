@@ -95,15 +95,7 @@ class LiveLags:
     def update(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
     ) -> LiveLags:
-        """Carry every filter on with one reading.
-
-        Parameters
-        ----------
-        time_s
-            When it was taken [s].
-        temperatures_c
-            Believable temperatures [°C].
-        """
+        """Carry every filter on with one reading."""
         begins = time_s - self.read_s > self.rested_s
         begun_s = time_s if begins else self.begun_s
         at_rest = time_s - begun_s <= TOGETHER_S

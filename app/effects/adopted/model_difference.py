@@ -40,8 +40,6 @@ class Part:
     ----------
     component
         Code of the component; None where it concerns no single one.
-    text
-        The same in words: what is lost, or gained.
     from_mm, to_mm
         The positions [mm]; None where it is no matter of positions.
     sensor

@@ -53,14 +53,8 @@ def summary(
 
     Parameters
     ----------
-    verdict
-        As the search found.
     refitted
         What becomes of the effects that the model has.
-    noise
-        Repeatability.
-    unit
-        Of the figures and the repeatability.
     kinds
         The kinds that were looked for; None: all.
     components
@@ -205,8 +199,6 @@ def what_next(
 
     Parameters
     ----------
-    effects, unexplained
-        What was found, and what was left.
     far
         Values that were left out because they are far from the others.
     to_state
@@ -318,13 +310,7 @@ def _what(named: Named) -> str:
 
 
 def _of_effect(effect: FoundEffect, which: str) -> list[str]:
-    """Say what to do about one effect.
-
-    Parameters
-    ----------
-    which
-        Before what does not name it, where there are several.
-    """
+    """Say what to do about one effect."""
     found = [
         f"{capitalised(a.separating_measurement)} (this separates {from_rival(effect.effect, a)})."
         for a in effect.ties[:2]

@@ -224,15 +224,7 @@ def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -
 def _with_refits_that_hold(
     found: FinishedSearch, before: AdoptedBefore, staying: Callable[[], FinishedSearch]
 ) -> tuple[FinishedSearch, AdoptedBefore]:
-    """Fit what the model has anew only where held-out set-ups agree; else search beside it.
-
-    Parameters
-    ----------
-    found
-        With the model's effects fitted anew.
-    staying
-        Searches beside them as they are.
-    """
+    """Fit what the model has anew only where held-out set-ups agree; else search beside it."""
     if found.findings.known is None:
         return found, before
     again = refitted_effects(found, before, found.findings.refitted, is_refused=False)
@@ -393,13 +385,7 @@ def _together(
 def _by_live_path(
     found: FinishedSearch, before: Sequence[Effect], after: Sequence[Effect]
 ) -> FloatArray:
-    """Say what other effects add to each row, as predictions and live tables add them, shape (n,).
-
-    Parameters
-    ----------
-    before, after
-        The model's effects as they are, and as they would be.
-    """
+    """Say what other effects add to each row, as predictions and tables add them, shape (n,)."""
     projection = found.residuals.projection
     was, becomes = (contributions(projection, effects).errors for effects in (before, after))
     return becomes - was

@@ -293,11 +293,6 @@ class Analysis(Answer, published_as="AnalysisResult"):
 def by_reason(not_tested: Iterable[NotTested]) -> tuple[NotTested, ...]:
     """Name what one kind cannot show for the same reason together.
 
-    Parameters
-    ----------
-    not_tested
-        One by one, repeated or not.
-
     Examples
     --------
     >>> by_reason([NotTested("drift", "EXX", "few"), NotTested("drift", "EXY", "few")])

@@ -50,15 +50,7 @@ class _Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """The library's effects, listed when they are first asked for.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    residuals
-        Its rows.
-    """
+    """The library's effects, listed when they are first asked for."""
 
     campaign: Campaign
     residuals: Residuals
@@ -83,10 +75,6 @@ class Rivals:
 
         Parameters
         ----------
-        set_ups
-            What is left of the rows.
-        code
-            The component.
         shows : ndarray, shape (m,)
             The rows of the channels in which it shows.
         scale : ndarray, shape (m,)

@@ -57,8 +57,6 @@ def judge_assignments(campaign: Campaign, residuals: Residuals) -> tuple[TriedAs
 
     Parameters
     ----------
-    campaign
-        The campaign.
     residuals
         What the campaign's model leaves, adopted effects included.
 
@@ -96,15 +94,6 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     An effect on a component for which another sensor is proposed was found on top of the wrong
     tables: nobody can say that it helps on the right ones. Only `other-sensor` with that sensor
     does what the assignment would do, and may serve until then.
-
-    Parameters
-    ----------
-    answer
-        What the analysis says otherwise.
-    tried
-        What it says of the sensors.
-    machine_id
-        Whose they are.
     """
     proposals = [one for one in tried if one.proposed_sensor]
     answer = replace(answer, assignments=tuple(tried))

@@ -44,8 +44,6 @@ class FinishedSearch:
         Which rows took part.
     of_maps
         The maps' own uncertainty, as columns of each channel.
-    maps
-        What the model's tables were made of.
     """
 
     residuals: Residuals

@@ -95,10 +95,6 @@ def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: F
 
     Parameters
     ----------
-    found
-        With these effects fitted anew.
-    channels
-        Where they act.
     instead : ndarray, shape (n,)
         What is predicted of held-out rows where they stay; NaN: not held out.
     """

@@ -56,8 +56,6 @@ class _Question:
     ----------
     drivers
         Two sensors or states by which two explanations differ; none where it is another thing.
-    words
-        For the sentence: to settle what.
     """
 
     components: tuple[str, ...]

@@ -94,8 +94,6 @@ def adopted_before(
     ----------
     projection
         The rows that take part.
-    hypotheses
-        What can be tested in the campaign, by key.
     """
     anew: list[Adopted] = []
     left: list[tuple[Effect, str]] = []
@@ -191,12 +189,8 @@ def effects_after(
 
     Parameters
     ----------
-    model
-        The effects that it has.
     refitted
         What becomes of them; what is not named stays.
-    new
-        What is adopted.
     """
     after: list[Effect] = []
     for effect in model:

@@ -28,8 +28,6 @@ class ResidualCurve:
 
     Parameters
     ----------
-    over
-        The quantity, with its unit.
     at, residual
         The single values, where and what; empty where there are too many.
     """

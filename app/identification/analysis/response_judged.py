@@ -40,10 +40,6 @@ class Judged:
 
     Parameters
     ----------
-    rows
-        The set-ups.
-    fitted
-        What all of them together gave.
     uncompensated, before, after
         For each set-up what was measured, and its residuals, from its zero [the component's unit].
     foretold : ndarray, shape (m,)
@@ -154,11 +150,6 @@ def judge(rows: ResponseRows) -> Judged:
 
     Scales, and how much each set-up counts, stay as they were learnt from all: learnt again
     without each, they left as much of two measured machines (docs/measured-data.md).
-
-    Parameters
-    ----------
-    rows
-        The set-ups.
     """
     fitted = learn_response(rows.response)
     uncompensated, before, after, foretold = [], [], [], []

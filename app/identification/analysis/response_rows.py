@@ -101,8 +101,6 @@ class SetUp:
         Of its verification, and of the set-up where that states several.
     times_s, values, measured : ndarray, shape (n,)
         When, what the model leaves, and what was measured [the component's unit].
-    found
-        All columns at these rows.
     is_zeroed
         Whether the first row is its zero.
     record
@@ -160,10 +158,6 @@ class ResponseRows:
 
     Parameters
     ----------
-    code
-        The component.
-    columns, zero
-        What drives it.
     set_ups
         Those that show a course.
     """
@@ -284,8 +278,6 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
 
     Parameters
     ----------
-    residuals
-        What the model leaves.
     code
         A component that was observed by itself.
     """

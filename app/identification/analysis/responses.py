@@ -66,12 +66,6 @@ class Offered:
 
     Parameters
     ----------
-    code
-        The component.
-    effect
-        What adoption stores.
-    judged
-        How set-ups held out fared.
     instead_of
         What the effects that would be adopted on the component leave, from each set-up's zero; None
         where none would be.
@@ -138,8 +132,6 @@ def find_responses(
 
     Parameters
     ----------
-    campaign
-        The campaign.
     progress
         Called with the share done and what is being done.
     known
@@ -225,15 +217,6 @@ def beside_search(
 ) -> tuple[FinishedSearch, Responses]:
     """Set responses beside what the search found: of both on a component, the one that leaves less.
 
-    Parameters
-    ----------
-    found
-        The finished search.
-    responses
-        What was found beside it.
-    known
-        The effects of the model that was analysed.
-
     Returns
     -------
     FinishedSearch
@@ -315,15 +298,7 @@ def _goes(found: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
 
 
 def not_beside(described: Iterable[FoundEffect], known: Sequence[Effect]) -> list[FoundEffect]:
-    """Say of effects on a component with an adopted response that nobody can say they help.
-
-    Parameters
-    ----------
-    described
-        What the search found.
-    known
-        The effects of the model that was analysed.
-    """
+    """Say of effects on a component with an adopted response that nobody can say they help."""
     learnt = {code for e in known if e.kind == Response.kind for code in e.components}
     return [
         replace(one, helps=False, why_not=NOT_HELD_OUT)
@@ -370,17 +345,7 @@ def _taking_place(found: FinishedSearch, offered: Offered, keys: Sequence[str]) 
 
 
 def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect]) -> FloatArray:
-    """Say what a response adds to each row, beyond one that it takes the place of, shape (n,).
-
-    Parameters
-    ----------
-    found
-        The finished search.
-    offered
-        The response.
-    known
-        The effects of the model that was analysed.
-    """
+    """Say what a response adds to each row, beyond one that it takes the place of, shape (n,)."""
     before = [e for e in known if e.kind == Response.kind and offered.code in e.components]
     total = found.explained(offered.effect)
     for effect in before:

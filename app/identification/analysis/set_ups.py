@@ -19,8 +19,6 @@ class SetUps:
 
     Parameters
     ----------
-    residuals
-        Where the rows come from.
     values : ndarray, shape (n,)
         What is left of them [the channels' units].
     """

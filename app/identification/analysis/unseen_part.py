@@ -65,8 +65,6 @@ def with_expected(
         What one unit of each amplitude does.
     use : ndarray of bool, shape (n,)
         Which rows took part.
-    noise
-        Channel to the standard deviation of one observation.
     """
     hidden, seen = _squares(amplitudes.size, parts, rows, use, noise)
     size = float(amplitudes @ seen @ amplitudes)

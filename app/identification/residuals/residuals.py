@@ -86,8 +86,6 @@ class Residuals:
 
     Parameters
     ----------
-    projection
-        The model, the rows that are left, and what held there.
     predicted : ndarray, shape (n,)
         What the model says, its adopted effects included [the channels' units].
     kept : ndarray, shape (all rows,)

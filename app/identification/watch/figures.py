@@ -41,8 +41,6 @@ class CheckFigures:
         Code, or `points x`, and the unit of what follows.
     time_s
         Of the visit's last observation [s].
-    count
-        How many values of it the visit has.
     off
         Root mean square of measured minus predicted; of one value its size. Where the instrument
         was zeroed anywhere, about their mean.
@@ -76,13 +74,9 @@ class WatchFigures:
 
     Parameters
     ----------
-    evidence
-        E-value of all verifications so far.
     most_sigmas
         Largest latest deviation of a followed number, over the standard deviation that was to be
         expected of it; None before anything could be judged.
-    latest
-        Of the verification that came last.
     check
         Of the component that was furthest from what was to be expected when it was visited last;
         None where nothing is known of the scatter, and in figures of earlier versions.

@@ -23,13 +23,7 @@ ALL: Final = "all"
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """The plots of one component, or of all lengths.
-
-    Parameters
-    ----------
-    is_open
-        Whether it is shown without being asked for.
-    """
+    """The plots of one component, or of all lengths."""
 
     place: str
     size: Size

@@ -35,8 +35,6 @@ class RemainingError:
 
     Parameters
     ----------
-    run
-        Label of the run that is compared.
     stored
         Labels of the maps that the model has; empty: uncompensated.
     rms_um, max_um

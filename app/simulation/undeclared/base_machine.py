@@ -101,8 +101,6 @@ def make_machine(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     map_temperatures_c : mapping of sensor to ndarray, shape (M,) [°C]
         The thermal states.
 

@@ -21,10 +21,6 @@ def reading_bodies(record: SensorRecord, history: History, conditions: Condition
 
     Parameters
     ----------
-    record
-        What the sensors said.
-    history
-        The machine's state.
     conditions
         When the first reading was taken.
 
@@ -49,8 +45,6 @@ def one_verification(truth: Truth, history: History, conditions: Conditions) -> 
     ----------
     truth
         With the measured values.
-    history
-        The machine's state.
     conditions
         Datum, and what is stated.
 
@@ -81,8 +75,6 @@ def many_verifications(
     ----------
     truth
         With the measured values.
-    history
-        The machine's state.
     conditions
         Datum, and what is stated.
     every_min
@@ -119,10 +111,6 @@ def prediction_bodies(asked: Observations, history: History, conditions: Conditi
 
     Parameters
     ----------
-    asked
-        Where and when.
-    history
-        The machine's state.
     conditions
         When the first reading was taken.
 

@@ -56,14 +56,8 @@ class Campaign:
     ----------
     machine
         Body of `POST /v1/machines`.
-    error_maps, verifications
-        Bodies of the machine's maps and verifications.
-    truth
-        What was really so.
     later
         What is true in the later visits, none of which is handed out.
-    conditions
-        Under which it was made.
     maps, record, history
         Maps, readings, and true temperatures and states as arrays.
     """
@@ -145,8 +139,6 @@ def make_campaign(
     amplitude
         Standard deviation of each effect over the values that it can reach, in units of the
         repeatability (of 1 µm where that is zero).
-    visits
-        Number of visits.
     **conditions
         Fields of `Conditions`.
 
@@ -203,8 +195,6 @@ def make_record(
     ----------
     seed, planted, amplitude
         As for `make_campaign`.
-    hours
-        How long it lasts.
     every_min
         Time from the beginning of a block to that of the next [min].
     observations

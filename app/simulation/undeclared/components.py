@@ -34,8 +34,6 @@ class Component:
         Number of the axis that is its argument; None for squareness.
     row
         0, 1, 2: a displacement in X, Y, Z; 3, 4, 5: a rotation about X, Y, Z.
-    sensor
-        Sensor that it follows.
     times
         Number of the coordinate that a squareness multiplies, else None.
     """

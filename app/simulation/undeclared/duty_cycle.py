@@ -60,8 +60,6 @@ def make_duty_cycle(rng: np.random.Generator, days: int) -> DutyCycle:
 
     Parameters
     ----------
-    rng
-        Source of chance.
     days
         How many; every seventh, counted from the first Monday, is a day of rest.
 
@@ -99,10 +97,6 @@ def with_spindle_steps(
 
     Parameters
     ----------
-    duty
-        What happens otherwise.
-    rng
-        Source of chance.
     first_min, minutes
         When the steps begin, in minutes of the duty cycle, and how long they take. The machine
         is off from the midnight before.

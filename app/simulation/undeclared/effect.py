@@ -24,10 +24,6 @@ class Effect:
     ----------
     kind
         Family, as the service calls it, or a name of what is in no family.
-    variant
-        Which form of the family.
-    components, sensors
-        What it acts on, and what drives it.
     errors : mapping of component to function
         What it adds to what the maps say, at a strength of 1. For a sensor's fault and for
         people's mistakes: to the residual, because the machine's error stays what it is.

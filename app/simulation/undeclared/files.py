@@ -12,11 +12,6 @@ from app.simulation.undeclared.truth import Truth
 def campaign_files(campaign: Campaign) -> dict[str, Any]:
     """Give a campaign's files by name.
 
-    Parameters
-    ----------
-    campaign
-        The campaign.
-
     Returns
     -------
     dict of name to body

@@ -79,8 +79,6 @@ def low_pass(series: FloatArray, time_constant_min: float) -> FloatArray:
     ----------
     series : ndarray, shape (n,)
         One value a minute.
-    time_constant_min
-        Time constant τ [min].
 
     Returns
     -------
@@ -107,8 +105,6 @@ def make_history(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     days
         Whole days from the first reading, which is taken at a midnight.
     steps_min

@@ -24,8 +24,6 @@ class Later:
 
     Parameters
     ----------
-    observations
-        Where and when.
     asked
         The same as `POST …/predictions` takes it.
     true_um : ndarray, shape (m,)

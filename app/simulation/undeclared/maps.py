@@ -59,12 +59,8 @@ def thermal_states(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     history
         Whose temperatures are to lie inside the maps.
-    conditions
-        Number of maps.
 
     Returns
     -------
@@ -97,8 +93,6 @@ def measure_maps(
         Source of chance; the errors drawn for a component do not depend on the others.
     machine
         Without its undeclared effect, or what of it the maps do not contain.
-    conditions
-        Measurement error of each entry.
 
     Returns
     -------

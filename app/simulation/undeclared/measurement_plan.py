@@ -47,13 +47,6 @@ class _Row:
 def visit_starts(rng: np.random.Generator, conditions: Conditions) -> FloatArray:
     """Draw when the visits begin, or say when the blocks of a record do.
 
-    Parameters
-    ----------
-    rng
-        Source of chance.
-    conditions
-        Number and duration of the visits, and over how many days.
-
     Returns
     -------
     ndarray, shape (v,) [min]
@@ -99,10 +92,6 @@ def plan_observations(
 
     Parameters
     ----------
-    rng
-        Source of chance.
-    conditions
-        Number of observations in a visit, and the time between two.
     starts_min : ndarray, shape (v,) [min]
         When the visits begin.
 

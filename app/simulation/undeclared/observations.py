@@ -157,10 +157,6 @@ def evaluate(
     ----------
     errors : mapping of component to function
         The components that have an error; the others have none.
-    observations
-        Where and when.
-    history
-        Temperatures and states.
 
     Returns
     -------

@@ -70,8 +70,6 @@ def fit_oracle(
 
     Parameters
     ----------
-    truth, maps, record, conditions
-        The campaign.
     held_out_visits : array-like of int
         Visits that take no part in the fit.
     refit_maps

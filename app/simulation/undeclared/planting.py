@@ -67,12 +67,8 @@ def plant_effects(
 
     Parameters
     ----------
-    seed, names
-        As for a campaign.
     amplitudes : ndarray, shape (effects,)
         In units of the repeatability.
-    machine, history, planned, under
-        The campaign to be.
 
     Returns
     -------

@@ -62,15 +62,6 @@ def draw_scatter(
 ) -> Scatter:
     """Draw everything but the datum, which needs the values.
 
-    Parameters
-    ----------
-    rng
-        Source of chance.
-    observations
-        What is measured.
-    conditions
-        Standard deviations.
-
     Returns
     -------
     Scatter
@@ -111,12 +102,8 @@ def instrument_errors(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     observations
         What is measured, in order of time.
-    conditions
-        Wander, drift and warm-up.
 
     Returns
     -------
@@ -171,8 +158,6 @@ def wander_paths(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     time_min : ndarray, shape (n,) [min]
         Increasing.
     correlation_min
@@ -259,8 +244,6 @@ def datum_of(
 
     Parameters
     ----------
-    rng
-        Source of chance.
     measured : ndarray, shape (m,)
         Values with all other scatter.
     observations, conditions

@@ -58,12 +58,6 @@ def read_sensors(
 
     Parameters
     ----------
-    rng
-        Source of chance.
-    history
-        The true temperatures.
-    conditions
-        Noise, rounding and number of stand-stills.
     faulty_c : mapping of sensor to ndarray, shape (n,) [°C]
         What a faulty sensor shows instead of the truth, in all minutes of the history.
     visit_starts_min : ndarray, shape (v,) [min]

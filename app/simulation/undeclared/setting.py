@@ -58,8 +58,6 @@ class Setting:
 
     Parameters
     ----------
-    machine, history, observations, conditions
-        The campaign to be.
     amplitude_um
         Wanted standard deviation of the effect over the values that it reaches.
     taken
@@ -145,8 +143,6 @@ class Setting:
         ----------
         code
             The component, whose sensor the model follows.
-        driver
-            The effect's driver.
         at_maps : ndarray, shape (M,)
             The driver in the maps' thermal states.
 

@@ -140,8 +140,6 @@ def room_temperature(rng: np.random.Generator, minutes: FloatArray) -> FloatArra
 
     Parameters
     ----------
-    rng
-        Source of chance.
     minutes : ndarray, shape (n,) [min]
         Since a midnight, one minute apart.
 

@@ -22,14 +22,8 @@ class Truth:
 
     Parameters
     ----------
-    seed
-        Seed of the campaign.
-    names
-        The planted effects by name.
     effects
         What each is: kind, variant, components, sensors, parameters, amplitude.
-    observations
-        Where and when.
     true_um : ndarray, shape (m,)
         The machine's error, free of any measurement.
     model_um : ndarray, shape (m,)

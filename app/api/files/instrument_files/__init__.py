@@ -22,8 +22,6 @@ class InstrumentFormat:
 
     Parameters
     ----------
-    name
-        What such a file is, for people.
     method
         Whose measurement it holds, such as `positioning`.
     begins

@@ -51,8 +51,6 @@ def choose_pitch_mm(rng: np.random.Generator, step_mm: float) -> float:
 
     Parameters
     ----------
-    rng
-        Source of chance.
     step_mm
         Distance of the maps' positions [mm].
 

@@ -61,10 +61,6 @@ def late_error(setting: Setting, code: str, late_c: FloatArray) -> ErrorFunction
 
     Parameters
     ----------
-    setting
-        With the machine.
-    code
-        The component.
     late_c : ndarray, shape (n,) [°C]
         Late temperature in all minutes of the history.
 

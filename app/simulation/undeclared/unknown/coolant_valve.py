@@ -38,8 +38,6 @@ def random_switch(rng: np.random.Generator, may: BoolArray, mean_min: float) -> 
 
     Parameters
     ----------
-    rng
-        Source of chance.
     may : ndarray of bool, shape (n,)
         Minutes in which it can be on.
     mean_min

@@ -51,8 +51,6 @@ def openings(rng: np.random.Generator, minutes: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    rng
-        Source of chance.
     minutes : ndarray, shape (n,) [min]
         One minute apart.
 

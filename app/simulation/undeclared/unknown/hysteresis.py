@@ -53,8 +53,6 @@ def relay_weights(levels: int, half_width: float) -> FloatArray:
     ----------
     levels
         Number of thresholds over the range.
-    half_width
-        Usual half distance of a relay's thresholds, as a share of the range.
 
     Returns
     -------
