@@ -16,7 +16,7 @@ from app.effects.low_pass import SETTLED
 from app.effects.map_tables import maps_of_label, positions_of, temperatures_of_maps
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
-from app.effects.shape import Everywhere, Rising, Shape
+from app.effects.shape import Everywhere, Rising, Sensitivity, Shape
 from app.effects.term import Term
 from app.geometry.components import COMPONENTS, ORDER, Component, Kind
 from app.search.noise import deviations
@@ -33,11 +33,6 @@ TIME_CONSTANTS_MIN: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 
 LATE_BYTES: Final = 200_000_000
 """Low-passes of all rows are kept up to this size; beyond it each component makes its own."""
-
-SHORTEST_LAG_S: Final = 60.0
-"""What the shortest is refined to. Sensors are read about each minute: what is faster than that is
-hardly told from what comes at once, and what is not looked for would be called five minutes late,
-with an error that does not reach it."""
 
 OWN_ZEROS: Final = (
     "each visit has its own zero, which hides any change from one visit to the next: measure "
@@ -275,6 +270,11 @@ class CampaignView:
             for shape, column in zip(shapes, np.nan_to_num(columns[rows]).T, strict=True)
             if np.abs(deviations(column, zero.ravel())).max() > SAME * np.abs(column).max()
         ]
+
+    def has_comparable_slope(self, codes: Sequence[str]) -> bool:
+        """Whether a sensor's bias would show in any of its components from visit to visit."""
+        slope = Sensitivity(is_local=True)
+        return any(self.comparable_shapes(code, [slope]) for code in codes)
 
     def positions_mm(self, code: str) -> FloatArray:
         """Give the positions of a component's table [mm]; none without one."""

@@ -18,11 +18,17 @@ from app.effects.projection import Projection
 from app.effects.shape import Sensitivity
 from app.effects.supposition import Supposed
 from app.effects.term import Term
-from app.search.candidate import Candidate, Flexible, Layout, Part, Traits
+from app.search.candidate import Candidate, Expected, Flexible, Layout, Part, Traits
+from app.units import SECONDS_PER_MIN
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
 """For each amplitude the terms that it scales together."""
 
+
+SHORTEST_LAG_S: Final = 60.0
+"""What the shortest is refined to. Sensors are read about each minute: what is faster than that is
+hardly told from what comes at once, and what is not looked for would be called five minutes late,
+with an error that does not reach it."""
 
 IN_SERIES: Final = "as two lags in series"
 """The variant of what comes late through a second body behind the first."""
@@ -40,6 +46,13 @@ class Amplitude(NamedTuple):
 
     name: str
     factor: float = 1.0
+
+
+SHARE: Final = (Amplitude("share"),)
+"""The amplitudes of what the maps say, or of what a mistake would cause: 1 is all of it."""
+
+WHOLE: Final = Expected((1.0,), 0.05)
+"""A mistake was made or not; 0.05 is what the maps' own slopes may be wrong by."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,12 @@ class Nonlinear:
     grid: tuple[float, ...]
     bounds: tuple[float, float] | None = None
     log_scale: bool = True
+
+    @classmethod
+    def time_constant(cls, grid_s: tuple[float, ...], each: int = 1) -> Nonlinear:
+        """How late something is: each so many-th of the time constants that can be tested [s]."""
+        ends_s = (SHORTEST_LAG_S, grid_s[-1])
+        return cls("time_constant_min", SECONDS_PER_MIN, grid_s[::each], ends_s)
 
     @property
     def is_time(self) -> bool:
@@ -90,6 +109,11 @@ class Reported(NamedTuple):
     standard_errors: dict[str, float]
 
 
+def _no_terms(theta: float | None) -> Amplitudes:
+    """Give nothing: what a mistake in the data adds to the model."""
+    return ()
+
+
 @dataclass(frozen=True, eq=False)
 class Hypothesis(Traits):
     """One effect before it is fitted.
@@ -100,6 +124,8 @@ class Hypothesis(Traits):
         Gives for a value of the nonlinear parameter the amplitudes' terms, with coefficient 1.
     report
         Turns an estimate into parameters where that is not one for each amplitude.
+    stated
+        Parameters that are not estimated.
     adopted_terms
         Makes the terms of what was found where `unit_terms` are only its linear part.
     supposed
@@ -113,13 +139,14 @@ class Hypothesis(Traits):
 
     kind: str
     components: tuple[str, ...]
-    unit_terms: Callable[[float | None], Amplitudes]
-    amplitudes: tuple[Amplitude, ...]
+    unit_terms: Callable[[float | None], Amplitudes] = _no_terms
+    amplitudes: tuple[Amplitude, ...] = SHARE
     sensors: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
     variant: str = ""
     nonlinear: Nonlinear | None = None
     report: Callable[[Estimate], Reported] | None = None
+    stated: Mapping[str, float] = field(default_factory=dict)
     adopted_terms: Callable[[Estimate], Sequence[Term]] | None = None
     supposed: Supposed | None = None
     follows: Mapping[str, int] = field(default_factory=dict)
@@ -219,7 +246,10 @@ class Hypothesis(Traits):
             states=self.states,
             parameters=found.parameters,
             standard_errors=found.standard_errors,
-            terms=tuple((self.adopted_terms or self._scaled_terms)(estimate)),
+            # A mistake in the data adds nothing to the model.
+            terms=()
+            if self.supposed
+            else tuple((self.adopted_terms or self._scaled_terms)(estimate)),
         )
 
     def _scaled_terms(self, estimate: Estimate) -> Sequence[Term]:
@@ -236,6 +266,7 @@ class Hypothesis(Traits):
         for amplitude, c, error in zip(self.amplitudes, estimate.coefficients, errors, strict=True):
             reported.parameters[amplitude.name] = float(c) * amplitude.factor
             reported.standard_errors[amplitude.name] = float(error) * abs(amplitude.factor)
+        reported.parameters.update(self.stated)
         return reported
 
 
@@ -288,11 +319,6 @@ def moved_temperature(
         return [Term(code, by_k, Sensitivity(is_local=False)) for code in codes]
 
     return {"unit_terms": linear, "adopted_terms": whole}
-
-
-def no_terms(of: object) -> tuple[()]:
-    """Give nothing: what a mistake in the data adds to the model."""
-    return ()
 
 
 def reported_theta(nonlinear: Nonlinear | None, estimate: Estimate) -> Reported:

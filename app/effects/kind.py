@@ -6,15 +6,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from app.answer import Answer
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.claim import Named
+from app.effects.conditions import Signal
+from app.effects.driver import Driver
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis
+from app.effects.hypothesis import Amplitude, Amplitudes, Hypothesis
 from app.effects.shape import Rising, Shape
+from app.effects.term import Term
 from app.errors import list_names
+from app.geometry.components import COMPONENTS
 from app.thermal.error_map import ErrorMap
 
 DrawnOver: TypeAlias = Literal["driver", "time", "position"]
@@ -229,6 +233,61 @@ def amplitudes_of(shapes: Sequence[Shape], name: str) -> tuple[Amplitude, ...]:
     stem, _, unit = name.partition("_")
     rise = f"{stem}_rise_{unit}"
     return tuple(Amplitude(rise if isinstance(shape, Rising) else name) for shape in shapes)
+
+
+def additive(
+    kind: str,
+    code: str,
+    driver: Driver | Callable[[float | None], Driver],
+    shapes: Sequence[Shape],
+    sizes: str | tuple[Amplitude, ...],
+    **traits: Any,
+) -> Hypothesis:
+    """Make the hypothesis that one component errs by a driver along smooth shapes.
+
+    Parameters
+    ----------
+    driver
+        What it follows, or what gives that for a value of the nonlinear parameter.
+    sizes
+        The amplitudes, or what they are called in mid-travel, `{unit}` for the component's.
+    traits
+        Whatever else the hypothesis has.
+    """
+
+    def terms(theta: float | None) -> Amplitudes:
+        follows = driver if isinstance(driver, Driver) else driver(theta)
+        return [[Term(code, follows, shape)] for shape in shapes]
+
+    if isinstance(sizes, str):
+        sizes = amplitudes_of(shapes, sizes.format(unit=COMPONENTS[code].unit))
+    return Hypothesis(kind, (code,), unit_terms=terms, amplitudes=sizes, **traits)
+
+
+def together_and_each(codes: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """List the components of a sensor as one group, and each by itself.
+
+    >>> together_and_each(("EXX", "EYX")), together_and_each(("EXX",))
+    ([('EXX', 'EYX'), ('EXX',), ('EYX',)], [('EXX',)])
+    """
+    return [codes, *((code,) for code in codes if len(codes) > 1)]
+
+
+def time_constants_s(
+    kind: EffectKind, view: CampaignView, signal: Signal, found: Proposals, late: str = ""
+) -> tuple[float, ...]:
+    """List the time constants that can be tested [s]; say why where there are none.
+
+    Parameters
+    ----------
+    late
+        Which form of the kind needs one; empty where all do.
+    """
+    grid_s = view.time_constants_s(signal)
+    if not grid_s:
+        what = ", ".join(filter(None, (signal.name, late)))
+        found.not_testable.append(kind.refuse(what, view.why_no_lag(signal)))
+    return grid_s
 
 
 def by_comparable_shapes(

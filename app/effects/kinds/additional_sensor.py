@@ -9,7 +9,14 @@ from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import AboveReference
 from app.effects.effect import Effect
-from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposals, constant_sensors
+from app.effects.kind import (
+    AsOtherSensor,
+    EffectKind,
+    Need,
+    Proposals,
+    constant_sensors,
+    time_constants_s,
+)
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
     LATE,
@@ -52,12 +59,10 @@ class AdditionalSensor(EffectKind):
     def propose(self, view: CampaignView) -> Proposals:
         """Every component with every sensor that is not its own, in two forms, at once and late."""
         found = Proposals(not_testable=constant_sensors(self, view))
-        grids = {}
-        for sensor in view.varying_sensors:
-            grids[sensor] = view.time_constants_s(Signal("temperature", sensor))
-            if not grids[sensor]:
-                why = view.why_no_lag(Signal("temperature", sensor))
-                found.not_testable.append(self.refuse(f"{sensor}, {LATE}", why))
+        grids = {
+            sensor: time_constants_s(self, view, Signal("temperature", sensor), found, LATE)
+            for sensor in view.varying_sensors
+        }
         for code in view.components:
             for sensor, grid_s in grids.items():
                 if sensor != view.sensor_of(code):

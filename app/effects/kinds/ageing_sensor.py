@@ -10,7 +10,6 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
 from app.effects.kind import DrawnOver, EffectKind, Need, OverTime, Proposals
 from app.effects.kinds.drift import beginnings_s
-from app.effects.shape import Sensitivity
 from app.effects.words import components
 from app.units import plus_minus
 
@@ -38,9 +37,9 @@ class AgeingSensor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every sensor that components follow, since the maps or since the first visit."""
-        found, slope = Proposals(), Sensitivity(is_local=True)
+        found = Proposals()
         for sensor, codes in view.components_by_sensor.items():
-            if not any(view.comparable_shapes(code, [slope]) for code in codes):
+            if not view.has_comparable_slope(codes):
                 found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
                 continue
             for variant, since_s in beginnings_s(view, codes[0]).items():

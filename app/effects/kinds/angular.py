@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.kind import EffectKind, Need, Proposals
-from app.effects.kinds.constant_or_warm import constant_or_warm
+from app.effects.kinds.constant_or_warm import LackedByMaps
 from app.effects.words import size_along, symbol_of
-from app.geometry.components import COMPONENTS, Kind
+from app.geometry.components import Kind
 
 
-class Angular(EffectKind):
+class Angular(LackedByMaps):
     """A rotation of an axis that no map has, constant in time or growing with a temperature."""
 
     kind: ClassVar[str] = "angular"
     text: ClassVar[str] = "a roll, pitch or yaw error that the maps lack"
-    lacked_by_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    of_the_type: ClassVar[bool] = True
+    of: ClassVar[Kind] = Kind.ANGULAR
+    name: ClassVar[str] = "rotation"
+    size: ClassVar[str] = "angle"
     shown_by: ClassVar[str] = (
         "measure the same points with a short and a long tool, or measure {component} itself "
         "with a level or an angular interferometer"
@@ -34,26 +33,9 @@ class Angular(EffectKind):
         "rotation has its own lever arms",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
-        """Every rotation that the model lacks and that shows at some point."""
-        found = Proposals()
-        lacking = [
-            c.code
-            for c in COMPONENTS.values()
-            if c.kind is Kind.ANGULAR and c.code not in view.in_model and view.shows(c.code)
-        ]
-        if not lacking:
-            found.not_testable.append(
-                self.refuse(
-                    "", "the maps already have every rotation that these observations can show"
-                )
-            )
-        for code in lacking:
-            found.hypotheses.extend(
-                constant_or_warm(self.kind, view, code, sensor, "angle")
-                for sensor in (None, *view.varying_sensors)
-            )
-        return found
+    def may_grow_with(self, view: CampaignView, code: str) -> Iterable[str]:
+        """Any sensor that changed."""
+        return view.varying_sensors
 
     def explain(self, effect: Effect) -> str:
         """Say what turns, and by how much."""

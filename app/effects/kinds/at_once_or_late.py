@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Final, TypeAlias
 
-from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.driver import AboveReference, BeyondMaps, Difference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
-from app.effects.kind import amplitudes_of
-from app.effects.shape import Shape
-from app.effects.term import Term
+from app.effects.hypothesis import Hypothesis, Nonlinear
+from app.effects.kind import additive
 from app.effects.words import parameter
-from app.geometry.components import COMPONENTS
-from app.units import SECONDS_PER_MIN
 
 BEYOND, SINCE = "beyond the maps", "since the maps"
 """It acted when the maps were measured, and they contain its part; or it did not."""
@@ -57,8 +52,7 @@ def at_once_and_late(
         if driver is not None:
             yield _hypothesis(kind, view, code, driver, variant)
             if grid_s and variant in late:
-                some, ends = grid_s[::EACH], (SHORTEST_LAG_S, grid_s[-1])
-                tau = Nonlinear("time_constant_min", SECONDS_PER_MIN, some, ends)
+                tau = Nonlinear.time_constant(grid_s, EACH)
                 one = _hypothesis(kind, view, code, driver, f"{variant}, {LATE}")
                 yield replace(one, nonlinear=tau)
 
@@ -79,25 +73,20 @@ def since_maps_clause(effect: Effect) -> str:
 def _hypothesis(
     kind: str, view: CampaignView, code: str, driver: Course, variant: str
 ) -> Hypothesis:
-    shapes = view.shapes(code)
     minus = "" if isinstance(driver, AboveReference) else driver.minus
     follows = {driver.sensor: 1, minus: -1} if minus else {driver.sensor: 1}
-    return Hypothesis(
-        kind=kind,
+
+    def course(theta: float | None) -> Course:
+        if theta is None:
+            return driver
+        if isinstance(driver, BeyondMaps):
+            return view.late_beyond_maps(code, driver, theta)
+        return replace(driver, time_constant_s=theta)
+
+    return additive(
+        *(kind, code, course, view.shapes(code)),
+        sizes="slope_{unit}_per_k",
         variant=variant,
-        components=(code,),
         sensors=tuple(follows),
-        unit_terms=partial(_terms, view, code, driver, shapes),
-        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_k"),
         follows=follows,
     )
-
-
-def _terms(
-    view: CampaignView, code: str, driver: Course, shapes: list[Shape], theta: float | None
-) -> Amplitudes:
-    if theta is not None and isinstance(driver, BeyondMaps):
-        driver = view.late_beyond_maps(code, driver, theta)
-    elif theta is not None:
-        driver = replace(driver, time_constant_s=theta)
-    return [[Term(code, driver, shape)] for shape in shapes]

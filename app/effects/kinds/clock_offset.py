@@ -13,21 +13,12 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
-from app.effects.hypothesis import (
-    Amplitude,
-    Estimate,
-    Hypothesis,
-    Nonlinear,
-    Reported,
-    no_terms,
-    reported_theta,
-)
+from app.effects.hypothesis import WHOLE, Hypothesis, Nonlinear
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import TWO_ERRORS, components
-from app.search.candidate import Expected
 from app.units import SECONDS_PER_MIN, date_text, plus_minus
 
 APART_MIN: Final = (5, 10, 20, 40, 60, 90, 120, 180, 240, 300, 360, 480, 600, 720)
@@ -44,9 +35,6 @@ Else a sensor half an hour late is taken for a component that overshoots, and th
 FEWEST_COMPONENTS: Final = 2
 """One component that is ahead of its sensor may as well follow something quicker beside it, as that
 of a printer's frame follows the bed. That several are ahead by as much is what a clock does."""
-
-WHOLE: Final = Expected((1.0,), 0.05)
-"""All of it, but for what the maps' own slopes may be wrong by."""
 
 HALVED: Final = 12
 """So often a time is halved to find until when readings are known: to some seconds."""
@@ -115,9 +103,6 @@ class ClockOffset(EffectKind):
         always = Hypothesis(
             kind=self.kind,
             components=codes,
-            unit_terms=no_terms,
-            adopted_terms=no_terms,
-            amplitudes=(Amplitude("share"),),
             nonlinear=nonlinear,
             supposed=partial(later_readings, tuple(followed)),
             expected=WHOLE,
@@ -161,15 +146,8 @@ def _of_an_hour(
             variant=variant,
             nonlinear=times,
             supposed=since(hour),
-            report=partial(_reported, times, apart_min),
+            stated={APART: apart_min},
         )
-
-
-def _reported(times: Nonlinear, apart_min: float, estimate: Estimate) -> Reported:
-    found = reported_theta(times, estimate)
-    found.parameters.update({APART: apart_min, "share": float(estimate.coefficients[0])})
-    found.standard_errors["share"] = float(np.sqrt(estimate.covariance[0, 0]))
-    return found
 
 
 def _since(effect: Effect) -> str:

@@ -1,44 +1,68 @@
-"""Effects that no map has: constant in time, or growing with a temperature."""
+"""Components that no map has: constant in time, or growing with a temperature."""
 
 from __future__ import annotations
 
-from typing import Final
+from abc import abstractmethod
+from collections.abc import Iterable
+from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
-from app.effects.driver import AboveReference, Always, Driver
+from app.effects.driver import AboveReference, Always
 from app.effects.hypothesis import Hypothesis
-from app.effects.kind import amplitudes_of
-from app.effects.term import Term
-from app.geometry.components import COMPONENTS
+from app.effects.kind import EffectKind, Need, Proposals, additive
+from app.geometry.components import COMPONENTS, Kind
 
 CONSTANT: Final = "constant"
 WITH_TEMPERATURE: Final = "with temperature"
 
 
-def constant_or_warm(
-    kind: str, view: CampaignView, code: str, sensor: str | None, constant: str
-) -> Hypothesis:
-    """Make the hypothesis that a component without a map is there.
+class LackedByMaps(EffectKind):
+    """Components of one kind that the model lacks, and that show at some point.
 
-    Parameters
-    ----------
-    sensor
-        What it grows with; None: it is constant in time, and a single visit shows it.
-    constant
-        What the amplitude of a constant one is called, without its unit.
+    `of` is that kind and `name` its word; an amplitude of a constant one is called `size`.
     """
-    unit, shapes = COMPONENTS[code].unit, view.shapes(code)
-    driver: Driver = Always()
-    if sensor is not None:
-        driver = AboveReference(sensor, view.reference_c(sensor))
-    name = f"{constant}_{unit}" if sensor is None else f"slope_{unit}_per_k"
-    return Hypothesis(
-        kind=kind,
-        variant=CONSTANT if sensor is None else WITH_TEMPERATURE,
-        components=(code,),
-        sensors=() if sensor is None else (sensor,),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, name),
-        standing=sensor is None,
-        within_visit=sensor is None,
-    )
+
+    lacked_by_maps: ClassVar[bool] = True
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
+    of_the_type: ClassVar[bool] = True
+    of: ClassVar[Kind]
+    name: ClassVar[str]
+    size: ClassVar[str]
+
+    @abstractmethod
+    def may_grow_with(self, view: CampaignView, code: str) -> Iterable[str]:
+        """Name the sensors with which a component may grow."""
+
+    def propose(self, view: CampaignView) -> Proposals:
+        """Each of them, constant and with a temperature."""
+        lacking = [
+            c.code
+            for c in COMPONENTS.values()
+            if c.kind is self.of and c.code not in view.in_model and view.shows(c.code)
+        ]
+        if not lacking:
+            why = f"the maps already have every {self.name} that these observations can show"
+            return Proposals(not_testable=[self.refuse("", why)])
+        return Proposals(
+            [
+                self._hypothesis(view, code, sensor)
+                for code in lacking
+                for sensor in ("", *self.may_grow_with(view, code))
+            ]
+        )
+
+    def _hypothesis(self, view: CampaignView, code: str, sensor: str) -> Hypothesis:
+        if sensor:
+            return additive(
+                *(self.kind, code, AboveReference(sensor, view.reference_c(sensor))),
+                *(view.shapes(code), "slope_{unit}_per_k"),
+                variant=WITH_TEMPERATURE,
+                sensors=(sensor,),
+            )
+        # A single visit shows what is constant in time.
+        return additive(
+            *(self.kind, code, Always(), view.shapes(code), f"{self.size}_{{unit}}"),
+            variant=CONSTANT,
+            standing=True,
+            within_visit=True,
+        )

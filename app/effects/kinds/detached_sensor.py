@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Difference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported, moved_temperature
+from app.effects.hypothesis import Estimate, Hypothesis, Reported, moved_temperature
 from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Need, Proposals
 from app.effects.words import components, parameter
 from app.search.candidate import Expected
@@ -78,7 +78,6 @@ def _hypothesis(sensor: str, around: str, codes: tuple[str, ...]) -> Hypothesis:
         kind=DetachedSensor.kind,
         components=codes,
         sensors=(sensor, around),
-        amplitudes=(Amplitude("share"),),
         expected=BETWEEN,
         report=_reported,
         **moved_temperature(

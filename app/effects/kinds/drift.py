@@ -18,14 +18,12 @@ from app.effects.kind import (
     Need,
     OverTime,
     Proposals,
-    amplitudes_of,
+    additive,
     by_comparable_shapes,
 )
 from app.effects.map_tables import times_of_maps
 from app.effects.shape import Shape
-from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
-from app.geometry.components import COMPONENTS
 
 SINCE_MAPS, SINCE_FIRST = "since the maps", "since the first visit"
 
@@ -73,16 +71,8 @@ def beginnings_s(view: CampaignView, code: str) -> dict[str, float]:
 
 
 def _hypotheses(view: CampaignView, code: str, shapes: list[Shape]) -> list[Hypothesis]:
-    beginnings = beginnings_s(view, code).items()
-    return [_hypothesis(code, shapes, variant, since_s) for variant, since_s in beginnings]
-
-
-def _hypothesis(code: str, shapes: list[Shape], variant: str, since_s: float) -> Hypothesis:
-    driver = SinceReference(since_s)
-    return Hypothesis(
-        kind=Drift.kind,
-        variant=variant,
-        components=(code,),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, f"drift_{COMPONENTS[code].unit}_per_day"),
-    )
+    size = "drift_{unit}_per_day"
+    return [
+        additive(Drift.kind, code, SinceReference(since_s), shapes, size, variant=variant)
+        for variant, since_s in beginnings_s(view, code).items()
+    ]

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.hypothesis import WHOLE, Hypothesis
 from app.effects.kind import (
     AsOtherSensor,
     DrawnOver,
@@ -25,13 +25,9 @@ from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import components
-from app.search.candidate import Expected
 from app.units import date_text
 
 SINCE: Final = "since a visit"
-
-WHOLE: Final = Expected((1.0,), 0.05)
-"""Plugs are exchanged or not: 0.05 is what the maps' own slopes may be wrong by."""
 
 
 class ExchangedSensors(EffectKind):
@@ -72,9 +68,6 @@ class ExchangedSensors(EffectKind):
                 kind=self.kind,
                 components=codes,
                 sensors=pair,
-                unit_terms=no_terms,
-                adopted_terms=no_terms,
-                amplitudes=(Amplitude("share"),),
                 supposed=partial(_supposed, pair),
                 expected=WHOLE,
             )

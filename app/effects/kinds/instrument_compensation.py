@@ -20,7 +20,7 @@ from app.arrays import FloatArray, IntArray
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import BeyondMaps
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposals, constant_sensors
 from app.effects.observations import POINT_CHANNELS
 from app.effects.projection import Projection
@@ -172,8 +172,6 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
         variant=_measured(channels),
         components=tuple(dict.fromkeys(_code(channel) for channel in channels)),
         sensors=(sensor,),
-        unit_terms=no_terms,
-        adopted_terms=no_terms,
         amplitudes=(Amplitude(LENGTH),),
     )
     by_axis = _by_axis(channels)

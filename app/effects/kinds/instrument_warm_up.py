@@ -11,15 +11,7 @@ import numpy as np
 from app.arrays import FloatArray, IntArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import (
-    Amplitude,
-    Estimate,
-    Hypothesis,
-    Nonlinear,
-    Reported,
-    no_terms,
-    reported_theta,
-)
+from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear
 from app.effects.kind import DrawnOver, EffectKind, Proposals
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
@@ -135,33 +127,22 @@ def _hypothesis(code: str, longest_s: float) -> Hypothesis:
     return Hypothesis(
         kind=InstrumentWarmUp.kind,
         components=(code,),
-        unit_terms=no_terms,
-        adopted_terms=no_terms,
         amplitudes=(Amplitude(f"{SETTLES_BY}_{_unit(code)}"),),
-        nonlinear=_nonlinear(),
-        report=partial(_reported, code, longest_s),
+        nonlinear=Nonlinear(
+            TIME_CONSTANT,
+            SECONDS_PER_MIN,
+            TIME_CONSTANTS_S,
+            (TIME_CONSTANTS_S[0], TIME_CONSTANTS_S[-1]),
+        ),
+        stated={WITHIN: longest_s / SECONDS_PER_MIN},
         supposed=partial(_supposed, code, longest_s),
         within_visit=True,
         of_setups=True,
     )
 
 
-def _nonlinear() -> Nonlinear:
-    ends = (TIME_CONSTANTS_S[0], TIME_CONSTANTS_S[-1])
-    return Nonlinear(TIME_CONSTANT, SECONDS_PER_MIN, TIME_CONSTANTS_S, ends)
-
-
 def _unit(channel: str) -> Unit:
     return COMPONENTS[channel].unit if channel in COMPONENTS else Unit.UM
-
-
-def _reported(code: str, longest_s: float, estimate: Estimate) -> Reported:
-    found = reported_theta(_nonlinear(), estimate)
-    name = f"{SETTLES_BY}_{_unit(code)}"
-    found.parameters[name] = float(estimate.coefficients[0])
-    found.standard_errors[name] = float(np.sqrt(estimate.covariance[0, 0]))
-    found.parameters[WITHIN] = longest_s / SECONDS_PER_MIN
-    return found
 
 
 def _supposed(

@@ -7,11 +7,10 @@ from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear, no_terms
+from app.effects.hypothesis import WHOLE, Hypothesis, Nonlinear
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.kinds.clock_offset import (
     FEWEST_COMPONENTS,
-    WHOLE,
     is_known_apart,
     later_readings,
 )
@@ -65,9 +64,6 @@ class LateSensor(EffectKind):
                     kind=self.kind,
                     components=codes,
                     sensors=(sensor,),
-                    unit_terms=no_terms,
-                    adopted_terms=no_terms,
-                    amplitudes=(Amplitude("share"),),
                     nonlinear=Nonlinear("late_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1])),
                     supposed=partial(later_readings, (sensor,)),
                     expected=WHOLE,

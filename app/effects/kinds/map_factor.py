@@ -11,7 +11,7 @@ import numpy as np
 from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported, no_terms
+from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported
 from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.map_tables import UNSTATED, maps_of_label
 from app.effects.projection import Projection
@@ -192,8 +192,6 @@ def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypot
         kind=MapFactor.kind,
         variant=label,
         components=codes,
-        unit_terms=no_terms,
-        adopted_terms=no_terms,
         amplitudes=(Amplitude(MULTIPLY),),
         supposed=partial(_supposed, codes, label),
         expected=_expected(view, codes, label),

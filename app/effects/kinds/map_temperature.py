@@ -9,12 +9,11 @@ from typing import ClassVar, Final
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Amplitudes, Estimate, Hypothesis, Nonlinear, Reported
+from app.effects.hypothesis import WHOLE, Amplitudes, Estimate, Hypothesis, Nonlinear, Reported
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.effects.words import components, parameter
-from app.search.candidate import Expected
 
 OFF_BY_K: Final = (-10.0, -6.0, -4.0, -2.5, -1.5, -0.75, 0.75, 1.5, 2.5, 4.0, 6.0, 10.0)
 """How much warmer than noted the sensor may have been [K]."""
@@ -22,9 +21,6 @@ OFF_BY_K: Final = (-10.0, -6.0, -4.0, -2.5, -1.5, -0.75, 0.75, 1.5, 2.5, 4.0, 6.
 OF_THE_GAP: Final = 0.7
 """A map moves by no more of the gap to its neighbour. Near to it the map no longer enters, which
 tells nothing of its temperature, and whose own errors would seem to want it."""
-
-WHOLE: Final = Expected((1.0,), 0.05)
-"""The whole map lies at another temperature; 0.05 is what the maps' slopes may be wrong by."""
 
 NOTED, REALLY, OFF = "noted_c", "really_c", "off_by_k"
 
@@ -101,7 +97,6 @@ def _hypothesis(
         components=codes,
         sensors=(sensor,),
         unit_terms=partial(_terms, sensor, label, codes, stated_c),
-        amplitudes=(Amplitude("share"),),
         nonlinear=Nonlinear(OFF, 1.0, grid, (grid[0], grid[-1]), log_scale=False),
         expected=WHOLE,
         report=partial(_reported, stated_c[label]),

@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView, travel_of
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.hypothesis import WHOLE, Hypothesis
 from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
 from app.effects.words import components
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Kind
-from app.search.candidate import Expected
-
-WHOLE: Final = Expected((1.0,), 0.05)
-"""Mirrored or not; 0.05 is what the tables' own errors may do."""
 
 ALL, POINTS, REVERSED = "all of the axis", "points", "sign reversed too"
 
@@ -104,9 +100,6 @@ def _hypothesis(variant: str, codes: tuple[str, ...], mirror: _Mirror) -> Hypoth
         kind=MirroredAxis.kind,
         variant=variant,
         components=codes,
-        unit_terms=no_terms,
-        adopted_terms=no_terms,
-        amplitudes=(Amplitude("share"),),
         supposed=partial(_supposed, mirror),
         expected=WHOLE,
         within_visit=True,

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.kind import EffectKind, Need, Proposals
-from app.effects.kinds.constant_or_warm import constant_or_warm
+from app.effects.kinds.constant_or_warm import LackedByMaps
 from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS, Kind
 
 
-class NonrigidSlope(EffectKind):
+class NonrigidSlope(LackedByMaps):
     """A slope of 8.1–8.18 that no map has, constant in time or growing with a temperature."""
 
     kind: ClassVar[str] = "nonrigid-slope"
     text: ClassVar[str] = "a component grows with the position of another axis"
-    lacked_by_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    of_the_type: ClassVar[bool] = True
+    of: ClassVar[Kind] = Kind.SLOPE
+    name: ClassVar[str] = "slope"
+    size: ClassVar[str] = "slope"
     shown_by: ClassVar[str] = (
         "measure the axis of {component} along three parallel lines: at both ends and in the "
         "middle of the other axis, with the same tool"
@@ -30,28 +29,10 @@ class NonrigidSlope(EffectKind):
         "grows with the tool, that of a slope does not",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
-        """Every slope that the model lacks and that shows at some point."""
-        found = Proposals()
-        lacking = [
-            c.code
-            for c in COMPONENTS.values()
-            if c.kind is Kind.SLOPE and c.code not in view.in_model and view.shows(c.code)
-        ]
-        if not lacking:
-            found.not_testable.append(
-                self.refuse(
-                    "", "the maps already have every slope that these observations can show"
-                )
-            )
-        for code in lacking:
-            own = view.sensor_of(code.partition("^")[0])
-            sensors = [own] if own in view.varying_sensors else []
-            found.hypotheses.extend(
-                constant_or_warm(self.kind, view, code, sensor, "slope")
-                for sensor in (None, *sensors)
-            )
-        return found
+    def may_grow_with(self, view: CampaignView, code: str) -> Iterable[str]:
+        """The sensor of the component of which it is the slope."""
+        own = view.sensor_of(code.partition("^")[0])
+        return [own] if own in view.varying_sensors else []
 
     def explain(self, effect: Effect) -> str:
         """Say what grows with which axis, and how much."""

@@ -10,8 +10,15 @@ import numpy as np
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposals, constant_sensor_reason
+from app.effects.hypothesis import Hypothesis
+from app.effects.kind import (
+    AsOtherSensor,
+    EffectKind,
+    Need,
+    Proposals,
+    constant_sensor_reason,
+    together_and_each,
+)
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.effects.words import components, parameter, verb
@@ -60,8 +67,9 @@ class OtherSensor(EffectKind):
                     found.not_testable.append(self.refuse(f"{own} by {other}", reason))
                     continue
                 exchange = Exchange.of(other, view.map_temperatures(other))
-                groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
-                found.hypotheses.extend(_hypothesis(own, exchange, group) for group in groups)
+                found.hypotheses.extend(
+                    _hypothesis(own, exchange, group) for group in together_and_each(codes)
+                )
         return found
 
     def explain(self, effect: Effect) -> str:
@@ -84,7 +92,6 @@ def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothe
         components=codes,
         sensors=(own, exchange.sensor),
         unit_terms=lambda _: [[Term(code, Always(), exchange) for code in codes]],
-        amplitudes=(Amplitude("share"),),
     )
 
 

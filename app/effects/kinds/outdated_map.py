@@ -10,10 +10,9 @@ import numpy as np
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.hypothesis import Amplitude
+from app.effects.kind import DrawnOver, EffectKind, Proposals, additive
 from app.effects.shape import Everywhere, Profile, Rising, Shape
-from app.effects.term import Term
 from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
 
@@ -45,7 +44,12 @@ class OutdatedMap(EffectKind):
         """Every component in all forms but the bow: all visits tell of its profile."""
         return Proposals(
             [
-                _hypothesis(code, form)
+                additive(
+                    *(self.kind, code, Always(), form.shapes, form.amplitudes),
+                    variant=form.name,
+                    standing=True,
+                    within_visit=form.name not in (SHIFT, LINE),
+                )
                 for code in view.components
                 for form in forms_of(view, code, view.shapes(code))
                 if form.name != BOW
@@ -116,18 +120,6 @@ def how_far_off(effect: Effect, form: str) -> str:
 def _form(code: str, name: str, shapes: Sequence[Shape], stems: Sequence[str]) -> Form:
     unit = COMPONENTS[code].unit
     return Form(name, shapes, tuple(Amplitude(f"{stem}_{unit}") for stem in stems))
-
-
-def _hypothesis(code: str, form: Form) -> Hypothesis:
-    return Hypothesis(
-        kind=OutdatedMap.kind,
-        variant=form.name,
-        components=(code,),
-        unit_terms=lambda _: [[Term(code, Always(), shape)] for shape in form.shapes],
-        amplitudes=form.amplitudes,
-        standing=True,
-        within_visit=form.name not in (SHIFT, LINE),
-    )
 
 
 def _corners(view: CampaignView, code: str) -> tuple[float, ...]:

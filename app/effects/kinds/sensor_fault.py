@@ -14,7 +14,6 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
 from app.effects.kinds.step import NONE_BEFORE, times_after_first
-from app.effects.shape import Sensitivity
 from app.effects.words import components, parameter
 from app.units import date_text
 
@@ -44,9 +43,8 @@ class SensorFault(EffectKind):
     def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor that components follow."""
         found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
-        slope = Sensitivity(is_local=True)
         for sensor, codes in view.components_by_sensor.items():
-            if not any(view.comparable_shapes(code, [slope]) for code in codes):
+            if not view.has_comparable_slope(codes):
                 found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
                 continue
             nonlinear = times_after_first(view, codes)

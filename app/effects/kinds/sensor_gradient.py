@@ -12,7 +12,15 @@ from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Difference
 from app.effects.effect import Effect
-from app.effects.kind import AsOtherSensor, EffectKind, Need, NotTested, Proposals, constant_sensors
+from app.effects.kind import (
+    AsOtherSensor,
+    EffectKind,
+    Need,
+    NotTested,
+    Proposals,
+    constant_sensors,
+    time_constants_s,
+)
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
     LATE,
@@ -96,14 +104,10 @@ class SensorGradient(EffectKind):
         """List for each sensor the time constants to try [s], and say why there are none."""
         if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
             return dict.fromkeys(view.varying_sensors, ())
-        grids = {}
-        for sensor in view.varying_sensors:
-            signal = Signal("temperature", sensor)
-            grids[sensor] = view.time_constants_s(signal)
-            if not grids[sensor]:
-                why = view.why_no_lag(signal)
-                found.not_testable.append(self.refuse(f"{sensor}, {LATE}", why))
-        return grids
+        return {
+            sensor: time_constants_s(self, view, Signal("temperature", sensor), found, LATE)
+            for sensor in view.varying_sensors
+        }
 
     def _refused_pairs(self, view: CampaignView) -> list[NotTested]:
         among = f"{len(view.varying_sensors)} sensors"

@@ -8,18 +8,14 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import State
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
-from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
-from app.effects.shape import Shape
-from app.effects.term import Term
+from app.effects.hypothesis import Hypothesis, Nonlinear
+from app.effects.kind import EffectKind, Need, Proposals, additive, time_constants_s
 from app.effects.words import parameter, size_along, symbol_of
 from app.errors import list_names
-from app.geometry.components import COMPONENTS
-from app.units import SECONDS_PER_MIN
 
 AT_ONCE, SQUARED = "at once", "squared at once"
 LATE, SQUARED_LATE = "late", "squared, late"
@@ -70,13 +66,9 @@ class StateVariable(EffectKind):
             # With two values, the square is the same as the state itself.
             two_values = np.unique(values[~np.isnan(values)]).size < 3
             grids = {
-                variant: view.time_constants_s(Signal("state", state, power))
-                for variant, power in POWERS.items()
-                if variant in (LATE, SQUARED_LATE)
+                LATE: time_constants_s(self, view, Signal("state", state), found, LATE),
+                SQUARED_LATE: view.time_constants_s(Signal("state", state, 2)),
             }
-            if not grids[LATE]:
-                why = view.why_no_lag(Signal("state", state))
-                found.not_testable.append(self.refuse(f"{state}, late", why))
             changing = [c for c in view.components if view.changes_where(c, values)]
             if steady := [code for code in view.components if code not in changing]:
                 where = f"{state}, at once, on {list_names(steady, MOST_NAMED)}"
@@ -106,23 +98,12 @@ class StateVariable(EffectKind):
 def _hypothesis(
     view: CampaignView, code: str, state: str, variant: str, grid: tuple[float, ...]
 ) -> Hypothesis:
-    shapes = view.shapes(code)
     per = f"{state}_squared" if POWERS[variant] == 2 else state
-    return Hypothesis(
-        kind=StateVariable.kind,
+    return additive(
+        *(StateVariable.kind, code, partial(State, state, POWERS[variant]), view.shapes(code)),
+        sizes=f"slope_{{unit}}_per_{per}",
         variant=variant,
-        components=(code,),
         states=(state,),
-        unit_terms=partial(_terms, code, state, POWERS[variant], shapes),
-        amplitudes=amplitudes_of(shapes, f"slope_{COMPONENTS[code].unit}_per_{per}"),
-        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (SHORTEST_LAG_S, grid[-1]))
-        if grid
-        else None,
+        nonlinear=Nonlinear.time_constant(grid) if grid else None,
         within_visit=not grid,
     )
-
-
-def _terms(
-    code: str, state: str, power: int, shapes: list[Shape], theta: float | None
-) -> Amplitudes:
-    return [[Term(code, State(state, power, theta), shape)] for shape in shapes]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import ClassVar, Final
 
 import numpy as np
@@ -12,24 +11,22 @@ import numpy as np
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
+from app.effects.hypothesis import Hypothesis, Nonlinear
 from app.effects.kind import (
     DrawnOver,
     EffectKind,
     Need,
     OverTime,
     Proposals,
-    amplitudes_of,
+    additive,
     by_comparable_shapes,
 )
 from app.effects.shape import Shape
-from app.effects.term import Term
 from app.effects.words import (
     components,
     size_along,
     symbol_of,
 )
-from app.geometry.components import COMPONENTS
 from app.thermal.error_map import ErrorMap
 from app.units import date_text
 
@@ -135,15 +132,7 @@ def times_within(view: CampaignView) -> Nonlinear | None:
 
 
 def _hypothesis(code: str, shapes: list[Shape], nonlinear: Nonlinear) -> Hypothesis:
-    return Hypothesis(
-        kind=Step.kind,
-        components=(code,),
-        unit_terms=partial(_terms, code, shapes),
-        amplitudes=amplitudes_of(shapes, f"step_{COMPONENTS[code].unit}"),
-        nonlinear=nonlinear,
-    )
+    def changed(theta: float | None) -> StepAfter:
+        return StepAfter(float(theta or 0.0))
 
-
-def _terms(code: str, shapes: list[Shape], theta: float | None) -> Amplitudes:
-    driver = StepAfter(float(theta or 0.0))
-    return [[Term(code, driver, shape)] for shape in shapes]
+    return additive(Step.kind, code, changed, shapes, "step_{unit}", nonlinear=nonlinear)

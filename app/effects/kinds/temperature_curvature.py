@@ -9,10 +9,8 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import Curvature
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals, amplitudes_of
-from app.effects.term import Term
+from app.effects.kind import EffectKind, Need, Proposals, additive
 from app.effects.words import size_along, symbol_of
-from app.geometry.components import COMPONENTS
 
 BETWEEN, OVERALL = "between maps", "over all maps"
 
@@ -69,13 +67,9 @@ def _hypothesis(
     view: CampaignView, code: str, variant: str, scale: tuple[float, ...]
 ) -> Hypothesis:
     sensor = view.sensor_of(code)
-    driver = Curvature(sensor, scale)
-    shapes = view.shapes(code)
-    return Hypothesis(
-        kind=TemperatureCurvature.kind,
+    return additive(
+        *(TemperatureCurvature.kind, code, Curvature(sensor, scale), view.shapes(code)),
+        sizes="curvature_{unit}_per_k2",
         variant=variant,
-        components=(code,),
         sensors=(sensor,),
-        unit_terms=lambda _: [[Term(code, driver, shape)] for shape in shapes],
-        amplitudes=amplitudes_of(shapes, f"curvature_{COMPONENTS[code].unit}_per_k2"),
     )

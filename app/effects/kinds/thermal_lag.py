@@ -6,17 +6,16 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, Final
 
-from app.effects.campaign_view import SHORTEST_LAG_S, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Behind
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Amplitudes, Hypothesis, Nonlinear
-from app.effects.kind import EffectKind, Need, Proposals
+from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
+from app.effects.kind import EffectKind, Need, Proposals, time_constants_s, together_and_each
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, is_whole, parameter, verb
 from app.errors import list_names
-from app.units import SECONDS_PER_MIN
 
 FAR_ABOVE: Final = 3.0
 """Standard errors by which a share is above 1 beyond chance."""
@@ -59,15 +58,12 @@ class ThermalLag(EffectKind):
         """One fingerprint for each sensor, and each of its components by itself."""
         found = Proposals()
         for sensor, codes in view.components_by_sensor.items():
-            signal = Signal("temperature", sensor)
-            grid = view.time_constants_s(signal)
             if sensor not in view.varying_sensors:
                 found.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
-            elif not grid:
-                found.not_testable.append(self.refuse(sensor, view.why_no_lag(signal)))
-            else:
-                groups = [codes, *((code,) for code in codes)] if len(codes) > 1 else [codes]
-                found.hypotheses.extend(_hypothesis(sensor, group, grid) for group in groups)
+            elif grid := time_constants_s(self, view, Signal("temperature", sensor), found):
+                found.hypotheses.extend(
+                    _hypothesis(sensor, group, grid) for group in together_and_each(codes)
+                )
         return found
 
     def explain(self, effect: Effect) -> str:
@@ -101,8 +97,7 @@ def _hypothesis(sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]) ->
         components=codes,
         sensors=(sensor,),
         unit_terms=partial(_terms, sensor, codes),
-        amplitudes=(Amplitude("share"),),
-        nonlinear=Nonlinear("time_constant_min", SECONDS_PER_MIN, grid, (SHORTEST_LAG_S, grid[-1])),
+        nonlinear=Nonlinear.time_constant(grid),
     )
 
 

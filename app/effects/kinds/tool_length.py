@@ -12,7 +12,7 @@ import numpy as np
 from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.hypothesis import Amplitude, Hypothesis, no_terms
+from app.effects.hypothesis import Amplitude, Hypothesis
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
@@ -93,8 +93,6 @@ def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesi
         kind=ToolLength.kind,
         variant=name,
         components=codes,
-        unit_terms=no_terms,
-        adopted_terms=no_terms,
         amplitudes=(Amplitude(LONGER),),
         supposed=partial(_supposed, rows),
         within_visit=True,

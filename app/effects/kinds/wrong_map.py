@@ -14,12 +14,12 @@ from app.effects.kind import (
     EffectKind,
     Need,
     Proposals,
+    additive,
     by_comparable_shapes,
     constant_sensor_reason,
 )
-from app.effects.kinds.outdated_map import Form, forms_of, how_far_off
+from app.effects.kinds.outdated_map import forms_of, how_far_off
 from app.effects.shape import Shape
-from app.effects.term import Term
 from app.thermal.error_map import ErrorMap
 
 BEFORE_FORM = ": "
@@ -58,7 +58,11 @@ class WrongMap(EffectKind):
             for row, map_c in zip(scale.rows, scale.temperatures_c, strict=True):
                 share = ShareOfMap(scale.sensor, scale.temperatures_c, map_c)
                 for form in forms_of(view, code, shapes):
-                    yield _hypothesis(code, group.labels[row], share, form)
+                    yield additive(
+                        *(self.kind, code, share, form.shapes, form.amplitudes),
+                        variant=f"{group.labels[row]}{BEFORE_FORM}{form.name}",
+                        sensors=(share.sensor,),
+                    )
 
         found = by_comparable_shapes(self, view, of_component)
         for code in view.components:
@@ -93,14 +97,3 @@ class WrongMap(EffectKind):
 def _label_and_form(variant: str) -> tuple[str, str]:
     label, _, form = variant.rpartition(BEFORE_FORM)
     return label, form
-
-
-def _hypothesis(code: str, label: str, share: ShareOfMap, form: Form) -> Hypothesis:
-    return Hypothesis(
-        kind=WrongMap.kind,
-        variant=f"{label}{BEFORE_FORM}{form.name}",
-        components=(code,),
-        sensors=(share.sensor,),
-        unit_terms=lambda _: [[Term(code, share, shape)] for shape in form.shapes],
-        amplitudes=form.amplitudes,
-    )
