@@ -24,9 +24,6 @@ from app.effects.low_pass import (
     beginnings,
     last_state,
     low_pass,
-    low_pass_at,
-    low_pass_from_start,
-    unread_at,
 )
 from app.effects.play import play, play_at
 from app.errors import list_names
@@ -76,9 +73,6 @@ MOST_FILTERS: Final = 256
 MOST_PLAYED: Final = 64
 """Records with play that are kept ready."""
 
-MOST_LAGGED: Final = 2
-"""Low-passes at the times that are kept: as many as one driver has, which several shapes share."""
-
 
 class Signal(NamedTuple):
     """Something that is recorded: a sensor's temperature, or a power of a state.
@@ -112,60 +106,35 @@ class Drives(Protocol):
         """Give its value at n moments, shape (n,)."""
 
 
-class Lags(Protocol):
-    """Who knows the past."""
+class Lags:
+    """Who knows the past; by itself nobody, as in a request with present temperatures only."""
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give a signal's low-pass at times, NaN where its past is not known."""
+        return np.full(times_s.shape, np.nan)
 
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
         """Give the same from the beginning of the unbroken record, in balance there."""
-
-    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
-        """Give what follows a signal with play, NaN where its past is not known."""
-
-    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
-        """Give a signal at any times, later ones too, NaN where it is not known."""
+        return FromStart.unknown(len(times_s))
 
     def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Say which share of a signal's low-pass rests on gaps, NaN where it has no record."""
-
-    def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
-        """Say in a sentence's second half what is missing."""
-
-    def record_before_s(self, signal: Signal, time_s: float) -> float:
-        """Say for how long before a time a signal was recorded [s]."""
-
-
-class NoHistory:
-    """The past is not known: a request with present temperatures only."""
-
-    def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
-        """Give nothing."""
         return np.full(times_s.shape, np.nan)
 
-    def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
-        """Give nothing."""
-        return FromStart.unknown(len(times_s))
-
     def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
-        """Give nothing."""
+        """Give what follows a signal with play, NaN where its past is not known."""
         return np.full(times_s.shape, np.nan)
 
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
-        """Give nothing."""
-        return np.full(times_s.shape, np.nan)
-
-    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
-        """Know of no record."""
+        """Give a signal at any times, later ones too, NaN where it is not known."""
         return np.full(times_s.shape, np.nan)
 
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
-        """Say that there is no history."""
+        """Say in a sentence's second half what is missing."""
         return f"the history of {signal.name} is not known here"
 
     def record_before_s(self, signal: Signal, time_s: float) -> float:
-        """Know of no record."""
+        """Say for how long before a time a signal was recorded [s]."""
         return 0.0
 
 
@@ -215,7 +184,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedLags:
+class RecordedLags(Lags):
     """The past as the readings tell it."""
 
     recordings: Mapping[tuple[str, str], Recording]
@@ -223,26 +192,29 @@ class RecordedLags:
     _played: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict)
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
-        """Give a signal's low-pass at times (`low_pass_at`)."""
-        recording = self.recordings.get((signal.kind, signal.name))
-        if recording is None or recording.times_s.size == 0:
-            return np.full(times_s.shape, np.nan)
-        filtered = self._filter(signal, time_constant_s, recording)
-        return low_pass_at(filtered, times_s, time_constant_s, recording.max_gap_s)
+        """Give a signal's low-pass at times (`Filtered.at`)."""
+        found = self._filter(signal, time_constant_s)
+        return (
+            super().lagged(signal, time_constant_s, times_s) if found is None else found.at(times_s)
+        )
 
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
-        """Give a signal's low-pass from the beginning of its record (`low_pass_from_start`)."""
-        recording = self.recordings.get((signal.kind, signal.name))
-        if recording is None or recording.times_s.size == 0:
-            return FromStart.unknown(len(times_s))
-        filtered = self._filter(signal, time_constant_s, recording)
-        return low_pass_from_start(filtered, times_s, time_constant_s, recording.max_gap_s)
+        """Give a signal's low-pass from the beginning of its record (`Filtered.from_start`)."""
+        found = self._filter(signal, time_constant_s)
+        return FromStart.unknown(len(times_s)) if found is None else found.from_start(times_s)
+
+    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
+        """Say which share of a signal's low-pass rests on gaps (`Filtered.unread_at`)."""
+        found = self._filter(signal, time_constant_s)
+        if found is None:
+            return super().unread(signal, time_constant_s, times_s)
+        return found.unread_at(times_s)
 
     def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
         """Give what follows a signal with play (`play_at`)."""
-        recording = self.recordings.get((signal.kind, signal.name))
-        if recording is None or recording.times_s.size == 0:
-            return np.full(times_s.shape, np.nan)
+        recording = self._recording(signal)
+        if recording is None:
+            return super().played(signal, half_width, times_s)
         key = (signal, half_width)
         if key not in self._played:
             if len(self._played) >= MOST_PLAYED:
@@ -255,20 +227,12 @@ class RecordedLags:
 
     def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
         """Give a signal at any times: temperatures interpolated, states as they were last read."""
-        recording = self.recordings.get((signal.kind, signal.name))
+        recording = self._recording(signal)
         if recording is None:
-            return np.full(times_s.shape, np.nan)
+            return super().at(signal, times_s)
         if signal.kind == "state":
             return signal.of(recording.at(times_s))
         return between_readings(recording.times_s, recording.values, times_s, recording.max_gap_s)
-
-    def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
-        """Say which share of a signal's low-pass rests on gaps (`unread_at`)."""
-        recording = self.recordings.get((signal.kind, signal.name))
-        if recording is None or recording.times_s.size == 0:
-            return np.full(times_s.shape, np.nan)
-        filtered = self._filter(signal, time_constant_s, recording)
-        return unread_at(filtered, times_s, time_constant_s)
 
     def why_missing(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> str:
         """Say how much history is needed, and how much there is."""
@@ -283,13 +247,17 @@ class RecordedLags:
 
     def record_before_s(self, signal: Signal, time_s: float) -> float:
         """Say for how long before a time a signal was recorded [s]."""
-        recording = self.recordings.get((signal.kind, signal.name))
-        if recording is None or recording.times_s.size == 0:
-            return 0.0
-        return max(time_s - float(recording.times_s[0]), 0.0)
+        recording = self._recording(signal)
+        return 0.0 if recording is None else max(time_s - float(recording.times_s[0]), 0.0)
 
-    def _filter(self, signal: Signal, tau_s: float, recording: Recording) -> Filtered:
-        key = (signal, tau_s)
+    def _recording(self, signal: Signal) -> Recording | None:
+        found = self.recordings.get((signal.kind, signal.name))
+        return None if found is None or found.times_s.size == 0 else found
+
+    def _filter(self, signal: Signal, tau_s: float) -> Filtered | None:
+        key, recording = (signal, tau_s), self._recording(signal)
+        if recording is None:
+            return None
         if key not in self._filtered:
             if len(self._filtered) >= MOST_FILTERS:
                 self._filtered.pop(next(iter(self._filtered)))
@@ -406,10 +374,9 @@ class Conditions:
     times_s: FloatArray
     temperatures_c: Mapping[str, FloatArray]
     states: Mapping[str, FloatArray] = field(default_factory=dict)
-    lags: Lags = field(default_factory=NoHistory)
+    lags: Lags = field(default_factory=Lags)
     rates_c_per_h: Mapping[str, FloatArray] = field(default_factory=dict)
     late: Mapping[tuple[Signal, float], FloatArray] = field(default_factory=dict)
-    _lagged: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
     _driven: tuple[Drives, FloatArray] | None = field(default=None, init=False)
 
     def __len__(self) -> int:
@@ -436,7 +403,7 @@ class Conditions:
             np.array([time_s]),
             {name: np.array([value]) for name, value in temperatures_c.items()},
             {name: np.array([value]) for name, value in (states or {}).items()},
-            lags or NoHistory(),
+            lags or Lags(),
         )
 
     def temperature(self, sensor: str) -> FloatArray:
@@ -451,15 +418,8 @@ class Conditions:
 
     def lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
-        found = self._lagged.get((signal, time_constant_s))
-        if found is None:
-            found = self.late.get((signal, time_constant_s))
-            if found is None:
-                found = self.lags.lagged(signal, time_constant_s, self.times_s)
-            if len(self._lagged) >= MOST_LAGGED:
-                self._lagged.clear()
-            self._lagged[signal, time_constant_s] = found
-        return found
+        found = self.late.get((signal, time_constant_s))
+        return self.lags.lagged(signal, time_constant_s, self.times_s) if found is None else found
 
     def driven(self, driver: Drives) -> FloatArray:
         """Give a driver, shape (n,); the last one is kept, as one shape asks after the other."""

@@ -175,7 +175,8 @@ class Filtered(NamedTuple):
     """A low-pass at its readings: shape (n,) each.
 
     `outputs` are in the inputs' unit; `since_s` says when the record began, `is_rested` whether
-    the machine was at rest until then, `unread` which share of the output rests on gaps.
+    the machine was at rest until then, `unread` which share of the output rests on gaps: what the
+    input did over a step longer than `max_gap_s` is not known [s].
     """
 
     times_s: FloatArray
@@ -184,6 +185,8 @@ class Filtered(NamedTuple):
     since_s: FloatArray
     is_rested: BoolArray
     unread: FloatArray
+    time_constant_s: float
+    max_gap_s: float
 
     @property
     def starts(self) -> IntArray:
@@ -209,6 +212,64 @@ class Filtered(NamedTuple):
         begins = (count == 0) | (differ & (count == 1))
         moved = self.times_s[np.maximum.accumulate(np.where(begins, each, 0))]
         return np.where(self.is_rested, moved, self.since_s)
+
+    def at(self, wanted_s: FloatArray) -> FloatArray:
+        """Give the low-pass between its readings, by the same exact solution.
+
+        Parameters
+        ----------
+        wanted_s : ndarray, shape (m,) [s]
+            When; the last reading before a gap serves for `max_gap_s`.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            NaN before five time constants of record, where no reading is near, and where too much
+            of the output rests on gaps.
+        """
+        found, before = self._between(wanted_s)
+        settled = wanted_s - self.since_s[before] >= SETTLED * self.time_constant_s
+        return np.where(settled, found, np.nan)
+
+    def from_start(self, wanted_s: FloatArray) -> FromStart:
+        """Give the low-pass between its readings, settled or not, with the start of its record.
+
+        Examples
+        --------
+        >>> filtered = low_pass(np.array([0.0, 60.0, 120.0]), np.array([20.0, 20.0, 21.0]), 600.0)
+        >>> found = filtered.from_start(np.array([120.0]))
+        >>> found.first.tolist(), found.moved_s.tolist()
+        ([20.0], [120.0])
+        """
+        outputs, before = self._between(wanted_s)
+        known = (self.first[before], self.since_s[before], self.moved_s[before])
+        is_known = np.isfinite(outputs)
+        return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
+
+    def unread_at(self, wanted_s: FloatArray) -> FloatArray:
+        """Say which share rests on gaps at times, shape (m,); NaN before the record."""
+        at = np.searchsorted(self.times_s, wanted_s, side="right") - 1
+        before = np.maximum(at, 0)
+        elapsed = wanted_s - self.times_s[before]
+        unread = _advance(self.unread[before], 0.0, 0.0, elapsed, self.time_constant_s)
+        return np.where(at >= 0, unread, np.nan)
+
+    def _between(self, wanted_s: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Give outputs between readings, NaN where none is near, and the readings before."""
+        times, inputs, outputs = self.times_s, self.inputs, self.outputs
+        at = np.searchsorted(times, wanted_s, side="right") - 1
+        before = np.maximum(at, 0)
+        after = np.minimum(before + 1, times.size - 1)
+        span = times[after] - times[before]
+        goes_on = self.since_s[after] == self.since_s[before]
+        between = (span > 0) & (span <= self.max_gap_s) & goes_on
+        rise = np.where(between, inputs[after] - inputs[before], 0.0)
+        slope = rise / np.where(between, span, 1.0)
+        elapsed = wanted_s - times[before]
+        found = _advance(outputs[before], inputs[before], slope, elapsed, self.time_constant_s)
+        is_read = self.unread_at(wanted_s) <= UNREAD
+        is_known = (at >= 0) & (between | (elapsed <= self.max_gap_s)) & is_read
+        return np.where(is_known, found, np.nan), before
 
 
 def beginnings(times_s: FloatArray, rested_s: float = RESTED_S) -> FloatArray:
@@ -277,7 +338,10 @@ def low_pass(
     crossed = np.where(steps > max_gap_s, -np.expm1(-steps / time_constant_s), 0.0)
     unread = _recursion(float(guessed[0]), share, np.where(again, guessed[1:], crossed))
     begun = np.maximum.accumulate(np.where(starts, np.arange(times_s.size), 0))
-    return Filtered(times_s, inputs, outputs, times_s[begun], rested[begun], unread)
+    return Filtered(
+        *(times_s, inputs, outputs, times_s[begun], rested[begun], unread),
+        *(time_constant_s, max_gap_s),
+    )
 
 
 def last_state(
@@ -340,90 +404,6 @@ def _starts(times_s: FloatArray, begins_s: FloatArray | None) -> tuple[BoolArray
     run = np.searchsorted(begins_s, times_s, side="right") - 1
     starts = np.append(True, np.diff(run) > 0)
     return starts, times_s - begins_s[np.maximum(run, 0)] <= TOGETHER_S
-
-
-def low_pass_at(
-    filtered: Filtered,
-    wanted_s: FloatArray,
-    time_constant_s: float,
-    max_gap_s: float = math.inf,
-) -> FloatArray:
-    """Give a low-pass between its readings, by the same exact solution.
-
-    Parameters
-    ----------
-    wanted_s : ndarray, shape (m,) [s]
-        When.
-    time_constant_s, max_gap_s
-        As for `low_pass`; the last reading before a gap serves for `max_gap_s`.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        NaN before five time constants of record, where no reading is near, and where too much of
-        the output rests on gaps.
-    """
-    found, before = _between(filtered, wanted_s, time_constant_s, max_gap_s)
-    settled = wanted_s - filtered.since_s[before] >= SETTLED * time_constant_s
-    return np.where(settled, found, np.nan)
-
-
-def low_pass_from_start(
-    filtered: Filtered,
-    wanted_s: FloatArray,
-    time_constant_s: float,
-    max_gap_s: float = math.inf,
-) -> FromStart:
-    """Give a low-pass between its readings, settled or not, with the start of its record.
-
-    Parameters
-    ----------
-    filtered, wanted_s, time_constant_s, max_gap_s
-        As for `low_pass_at`.
-
-    Examples
-    --------
-    >>> filtered = low_pass(np.array([0.0, 60.0, 120.0]), np.array([20.0, 20.0, 21.0]), 600.0)
-    >>> found = low_pass_from_start(filtered, np.array([120.0]), 600.0)
-    >>> found.first.tolist(), found.moved_s.tolist()
-    ([20.0], [120.0])
-    """
-    outputs, before = _between(filtered, wanted_s, time_constant_s, max_gap_s)
-    known = (filtered.first[before], filtered.since_s[before], filtered.moved_s[before])
-    is_known = np.isfinite(outputs)
-    return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
-
-
-def unread_at(filtered: Filtered, wanted_s: FloatArray, time_constant_s: float) -> FloatArray:
-    """Say which share of a low-pass rests on gaps at times, shape (m,); NaN before its record."""
-    at = np.searchsorted(filtered.times_s, wanted_s, side="right") - 1
-    before = np.maximum(at, 0)
-    elapsed = wanted_s - filtered.times_s[before]
-    unread = _advance(filtered.unread[before], 0.0, 0.0, elapsed, time_constant_s)
-    return np.where(at >= 0, unread, np.nan)
-
-
-def _between(
-    filtered: Filtered,
-    wanted_s: FloatArray,
-    time_constant_s: float,
-    max_gap_s: float,
-) -> tuple[FloatArray, IntArray]:
-    """Give outputs between readings, NaN where none is near, and the readings before."""
-    times, inputs, outputs = filtered.times_s, filtered.inputs, filtered.outputs
-    at = np.searchsorted(times, wanted_s, side="right") - 1
-    before = np.maximum(at, 0)
-    after = np.minimum(before + 1, times.size - 1)
-    span = times[after] - times[before]
-    goes_on = filtered.since_s[after] == filtered.since_s[before]
-    between = (span > 0) & (span <= max_gap_s) & goes_on
-    rise = np.where(between, inputs[after] - inputs[before], 0.0)
-    slope = rise / np.where(between, span, 1.0)
-    elapsed = wanted_s - times[before]
-    found = _advance(outputs[before], inputs[before], slope, elapsed, time_constant_s)
-    is_read = unread_at(filtered, wanted_s, time_constant_s) <= UNREAD
-    is_known = (at >= 0) & (between | (elapsed <= max_gap_s)) & is_read
-    return np.where(is_known, found, np.nan), before
 
 
 def _recursion(first: float, kept: FloatArray, added: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from app.effects.low_pass import (
     beginnings,
     last_state,
     low_pass,
-    low_pass_at,
 )
 
 TAU = 900.0
@@ -51,7 +50,7 @@ def test_irregular_readings_agree_with_an_integrator():
         atol=1e-10,
         max_step=20.0,
     )
-    between = low_pass_at(found._replace(since_s=np.full(40, -1e9)), wanted, TAU)
+    between = found._replace(since_s=np.full(40, -1e9)).at(wanted)
     np.testing.assert_allclose(between, solution.y[0], atol=1e-6)
 
 
@@ -70,10 +69,8 @@ def test_the_live_filter_continues_the_recorded_one(steps):
 
 def test_five_time_constants_are_needed():
     times = np.arange(0.0, 6 * TAU, 60.0)
-    found = low_pass(times, np.ones(times.size), TAU)
-    late = low_pass_at(
-        found, np.array([5 * TAU - 1.0, 5 * TAU, times[-1] + 700.0]), TAU, max_gap_s=600.0
-    )
+    found = low_pass(times, np.ones(times.size), TAU, max_gap_s=600.0)
+    late = found.at(np.array([5 * TAU - 1.0, 5 * TAU, times[-1] + 700.0]))
     assert np.isnan(late).tolist() == [True, False, True]
     state = LagState.start(TAU, 0.0, 1.0)
     assert np.isnan(state.at(5 * TAU - 1.0))
@@ -89,12 +86,12 @@ def test_a_gap_is_crossed_on_a_line_and_the_output_waits_until_it_is_forgotten()
     np.testing.assert_allclose(found.unread[after], share, rtol=1e-9)
     assert not found.unread[~after].any()
     np.testing.assert_allclose(found.outputs, low_pass(times, u, TAU).outputs)
-    here = low_pass_at(found, times, TAU, max_gap_s=600.0)
+    here = found.at(times)
     settled = (times >= 5 * TAU) & ~(after & (found.unread > UNREAD))
     np.testing.assert_array_equal(np.isfinite(here), settled)
     # Where it answers again it is the output of a record without the gap, but for a twentieth.
     every_s = np.arange(0.0, 30000.0, 60.0)
-    whole = low_pass_at(low_pass(every_s, np.cos(every_s / 4000.0), TAU), times, TAU)
+    whole = low_pass(every_s, np.cos(every_s / 4000.0), TAU).at(times)
     assert np.nanmax(np.abs(here - whole)) < UNREAD
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.effects.conditions import NoHistory, RecordedLags, Recording, Signal
+from app.effects.conditions import Lags, RecordedLags, Recording, Signal
 from app.effects.play import play, play_at
 
 BED = Signal("temperature", "bed")
@@ -57,4 +57,4 @@ def test_a_record_says_what_follows_a_sensor_with_play():
     asked_s = np.array([30.0, 60.0, 150.0, 240.0])
     np.testing.assert_allclose(lags.played(BED, 1.0, asked_s), [np.nan, 23.0, 22.5, 24.0])
     assert np.isnan(lags.played(Signal("temperature", "room"), 1.0, asked_s)).all()
-    assert np.isnan(NoHistory().played(BED, 1.0, asked_s)).all()
+    assert np.isnan(Lags().played(BED, 1.0, asked_s)).all()

@@ -8,7 +8,7 @@ import pytest
 
 from app.effects.campaign_view import CampaignView
 from app.effects.claim import claim_of
-from app.effects.conditions import Conditions, NoHistory, Signal
+from app.effects.conditions import Conditions, Lags, Signal
 from app.effects.effect import Effect
 from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
 from app.effects.kinds.state_variable import StateVariable
@@ -104,7 +104,7 @@ def test_without_history_nothing_is_late():
         where.model,
         where.maps,
         where.rows,
-        Conditions(where.conditions.times_s, where.conditions.temperatures_c, lags=NoHistory()),
+        Conditions(where.conditions.times_s, where.conditions.temperatures_c, lags=Lags()),
     )
     unknown = "the history of x-middle is not known here"
     assert refused("thermal-lag", bare)["x-middle"] == unknown

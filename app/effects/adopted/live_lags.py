@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.arrays import FloatArray
-from app.effects.conditions import Signal
+from app.effects.conditions import Lags, Signal
 from app.effects.low_pass import (
     RESTED_S,
     SETTLED,
@@ -21,7 +21,7 @@ from app.units import SECONDS_PER_MIN
 
 
 @dataclass(frozen=True, eq=False)
-class LiveLags:
+class LiveLags(Lags):
     """The past as filters that are carried along with the readings.
 
     Parameters
@@ -62,14 +62,6 @@ class LiveLags:
             for time_s in times_s.tolist()
         ]
         return FromStart(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-
-    def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
-        """Give nothing: no effect that is adopted has play."""
-        return np.full(times_s.shape, np.nan)
-
-    def at(self, signal: Signal, times_s: FloatArray) -> FloatArray:
-        """Give nothing: readings are not kept, and later ones have not come."""
-        return np.full(times_s.shape, np.nan)
 
     def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Say which share of a filter's output rests on gaps."""
