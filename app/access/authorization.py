@@ -130,3 +130,9 @@ def may_write() -> bool:
     """Whether who asks may change anything, so that a page offers nobody what is refused him."""
     key = key_asking()
     return key is None or key.role.includes(Role.METROLOGIST)
+
+
+def may_make_machines() -> bool:
+    """Whether who asks may make machines and change what describes them."""
+    key = key_asking()
+    return key is None or key.role.includes(Role.ADMIN)

@@ -63,7 +63,7 @@ def wants_page(scope: Scope) -> bool:
     """Whether a person's browser asks for a page."""
     path = scope["path"]
     accepts = dict(scope["headers"]).get(b"accept", b"")
-    is_page = path in ("/", "/docs", "/fleet") or path.startswith("/machines/")
+    is_page = path in ("/", "/docs", "/fleet", "/new-machine") or path.startswith("/machines/")
     return scope["method"] in ("GET", "HEAD") and is_page and b"text/html" in accepts
 
 

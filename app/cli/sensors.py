@@ -58,7 +58,9 @@ def show_assignment(
 def assign_sensors(
     assignment: Annotated[
         list[str],
-        typer.Argument(metavar="COMPONENT=SENSOR…", help="Such as EXX=x-middle; others stay."),
+        typer.Argument(
+            metavar="COMPONENT=SENSOR…", help="Such as EXX=x-middle or E*X=bed; others stay."
+        ),
     ],
     machine: MachineOption = None,
     json: JsonOption = False,
@@ -66,7 +68,9 @@ def assign_sensors(
 ) -> None:
     """Let components follow other sensors; this makes the next model version.
 
-    Example: `thermap sensors assign EXX=x-middle EZZ=z-column --machine vmc`
+    `E*X` stands for all components of the maps whose code fits.
+
+    Example: `thermap sensors assign "E*X=x-middle" EZZ=z-column --machine vmc`
     """
     from thermap import calls
 
@@ -86,15 +90,42 @@ def assign_sensors(
 
 @sensors.command("correlate")
 def correlate_sensors(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
+    machine: MachineOption = None,
+    apply: Annotated[
+        bool, typer.Option("--apply", help="Assign the sensors that are proposed.")
+    ] = False,
+    json: JsonOption = False,
+    url: UrlOption = DEFAULT_URL,
 ) -> None:
-    """Show which sensors the maps themselves speak for; nothing is changed.
+    """Show which sensors the maps themselves speak for; nothing is changed without `--apply`.
 
-    Example: `thermap sensors correlate --machine vmc`
+    Where the maps do not tell sensors apart, a component keeps the one that it follows; one that
+    follows none is given the first of the best.
+
+    Example: `thermap sensors correlate --apply --machine vmc`
     """
     from thermap import calls
 
-    show_of_machine(url, machine, calls.correlate_sensors, correlation_view, json=json)
+    if not apply:
+        show_of_machine(url, machine, calls.correlate_sensors, correlation_view, json=json)
+        return
+    with connect(url) as thermap:
+        chosen = chosen_machine(thermap, machine)
+        proposals = thermap.send(calls.correlate_sensors(chosen)).components
+        proposed = {
+            one.component: one.proposed
+            for one in proposals
+            if one.proposed not in (None, one.current)
+        }
+        if not proposed:
+            echo("nothing to assign: every component follows the sensor that the maps speak for")
+            return
+        show(
+            thermap,
+            calls.assign_sensors(chosen, proposed),
+            lambda answer: assigned_view(answer, chosen),
+            json=json,
+        )
 
 
 def _read_assignment(stated: list[str]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.access.authorization import key_asking, may_write
+from app.access.authorization import key_asking, may_make_machines, may_write
 from app.errors import counted
 from app.pages.dashboard.navigation import MACHINE_PAGES
 from app.pages.dashboard.numbers import age, number, signed, with_unit
@@ -54,13 +54,19 @@ _ENVIRONMENT.filters |= {
 }
 
 
-_ENVIRONMENT.globals |= {"machine_pages": MACHINE_PAGES, "key": key_asking, "may_write": may_write}
+_ENVIRONMENT.globals |= {
+    "machine_pages": MACHINE_PAGES,
+    "key": key_asking,
+    "may_write": may_write,
+    "may_make_machines": may_make_machines,
+}
 _ENVIRONMENT.filters |= {
     "signed": signed,
     "number": number,
     "with_unit": with_unit,
     "age": age,
     "day_and_time": lambda time: f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
+    "iso": lambda time: f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}",
     "day": lambda time: f"{time.astimezone(UTC):%Y-%m-%d}",
     "utc": lambda time: f"{time.astimezone(UTC):%H:%M:%S} UTC",
 }

@@ -35,7 +35,7 @@ from app.storage.model_versions import activate_version, active_version, find_ve
 from app.storage.records import ModelVersion
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
-from app.thermal.sensor_assignment import Proposal, propose_assignment
+from app.thermal.sensor_assignment import Proposal, propose_assignment, with_patterns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,6 +293,8 @@ def assign_sensors(
 
     Parameters
     ----------
+    assignment
+        Component code, or a pattern of the maps' codes such as `E*X`, to sensor.
     accept_losses
         Whether the version is activated although it loses something against the active one.
 
@@ -332,6 +334,8 @@ def _draft(change: MachineChange, assignment: Mapping[str, str]) -> Draft | None
     """Put the version together that has the assignment; None where there is one already."""
     _check_sensors(change.machine, assignment)
     base = change.latest
+    present = {code for m in (base.maps if base else ()) for code in m.error_map.tables}
+    assignment = with_patterns(assignment, present)
     known = dict(base.assignment) if base else {}
     if known | dict(assignment) == known:
         return None

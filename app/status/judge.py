@@ -214,7 +214,8 @@ def _no_model(omitted: Mapping[str, str]) -> str:
     if unassigned:
         return (
             "There is no compensation table: no sensor is assigned to "
-            f"{list_names(unassigned, MOST_CODES)}."
+            f"{list_names(unassigned, MOST_CODES)}. Assign one on the page Set-up, or with "
+            "`thermap sensors assign`."
         )
     return "No component has maps of two thermal states: there is no compensation table."
 

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from typing import Final
 
 import numpy as np
 
 from app.arrays import FloatArray
-from app.errors import Conflict, list_names
+from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import ORDER
 from app.thermal.correlation import ENOUGH, fisher_interval, pearson_r, tell_apart
 from app.thermal.error_map import ErrorMap
@@ -79,6 +80,49 @@ class Proposal:
     maps: int
     correlations: tuple[SensorCorrelation, ...]
     reason: str
+
+
+def with_patterns(assignment: Mapping[str, str], present: Collection[str]) -> dict[str, str]:
+    """Let a `*` in names of components stand for those of the maps that fit; names go first.
+
+    Parameters
+    ----------
+    assignment
+        Component code, or a pattern such as `E*X`, to sensor.
+    present
+        Codes of the components that maps have.
+
+    Raises
+    ------
+    InvalidContent
+        If a pattern fits none of them, or two patterns give one of them two sensors.
+
+    Examples
+    --------
+    >>> with_patterns({"E*X": "bed", "EXX": "x-middle"}, ["EXX", "EYX", "EYY"])
+    {'EXX': 'x-middle', 'EYX': 'bed'}
+    """
+    named = {code: sensor for code, sensor in assignment.items() if "*" not in code}
+    by_pattern: dict[str, str] = {}
+    for pattern in assignment.keys() - named.keys():
+        fitting = [code for code in present if fnmatchcase(code, pattern)]
+        if not fitting:
+            maps_have = list_names(sorted(present, key=ORDER.__getitem__)) if present else "none"
+            raise InvalidContent.of_field(
+                pattern,
+                f"expected a pattern that fits components of the machine's maps ({maps_have}), "
+                f"got {pattern!r}",
+            )
+        for code in fitting:
+            sensor = assignment[pattern]
+            if by_pattern.setdefault(code, sensor) != sensor and code not in named:
+                raise InvalidContent.of_field(
+                    pattern,
+                    f"{code} fits two patterns with two sensors, {by_pattern[code]!r} and "
+                    f"{sensor!r}: name it",
+                )
+    both = by_pattern | named
+    return {code: both[code] for code in sorted(both, key=ORDER.__getitem__)}
 
 
 def propose_assignment(

@@ -26,7 +26,7 @@ pytestmark = [
     ),
 ]
 
-PAGES = ("loop", "maps", "volume", "events")
+PAGES = ("loop", "maps", "volume", "events", "setup")
 SHOWN = ("mcfv5050", "second", *(f"mcfv5050/{page}" for page in PAGES))
 
 CHECK = {
@@ -212,7 +212,7 @@ def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
     with shop.open(), opened(chromium, shop, size, color_scheme=scheme) as (page, wrong):
         shop.send("POST", "/v1/machines", MACHINE | {"id": "second", "name": "A long name " * 5})
         shop.feed(31.4)
-        for path in ("/", *(f"/machines/{one}" for one in SHOWN)):
+        for path in ("/", "/new-machine", *(f"/machines/{one}" for one in SHOWN)):
             page.goto(shop.url + path)
             expect(page.locator("#connection")).to_have_text("Live")
             root = page.locator("html")

@@ -316,3 +316,15 @@ def test_a_sensor_that_the_maps_tell_from_others_is_proposed_with_its_command(th
     assert '`thermap sensors assign "EXX=T1 bed" ' in proposed
     assert "assigns as proposed" in proposed
     assert "do not tell" not in proposed
+    applied = thermap("sensors", "correlate", "--apply", "--machine", "mill")
+    assert applied.exit_code == 0, applied.output
+    shown = thermap("sensors", "show", "--machine", "mill").stdout
+    assert "T1 bed" in shown
+    assert "EXX" in shown
+    again = thermap("sensors", "correlate", "--apply", "--machine", "mill").stdout
+    assert again.startswith("nothing to assign")
+    assigned = thermap("sensors", "assign", "E*X=column", "--machine", "mill")
+    assert assigned.exit_code == 0, assigned.output
+    wrong = thermap("sensors", "assign", "E*A=column", "--machine", "mill")
+    assert wrong.exit_code != 0
+    assert "fits components of the machine's maps" in " ".join(wrong.output.split())

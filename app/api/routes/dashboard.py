@@ -13,6 +13,7 @@ from app.api.dependencies import ContextDep, FleetQuestionQuery, MachinePath, Ve
 from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.events import BeforeQuery
+from app.connections.reports import ConnectionReports
 from app.controllers.registry import format_named
 from app.events.event import EventKind
 from app.pages.dashboard.compared_residuals import compared_residuals
@@ -22,6 +23,7 @@ from app.pages.dashboard.fleet import fleet_page
 from app.pages.dashboard.loop import left_of_check, loop_page
 from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_preview
 from app.pages.dashboard.pages import machine_page, machines_page
+from app.pages.dashboard.setup import Source, new_machine_page, setup_page
 from app.pages.dashboard.volume import volume_page
 from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
@@ -33,6 +35,7 @@ from app.services.loop import show_left_of_check, show_loop
 from app.services.machines import show_error_map
 from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
+from app.services.setup import show_setup
 from app.services.status import show_status
 from app.services.volume import show_volume
 
@@ -54,6 +57,25 @@ def get_machines(
     views = [view for view in show_machine_views(context) if may_see(view.status.machine)]
     page = machines_page(views, context.now(), only, context.live.database.trouble)
     return Page(page, scripts=0, headers=_HEADERS)
+
+
+@router.get("/new-machine", response_class=Page)
+def get_new_machine(context: ContextDep) -> Page:
+    """Show the form by which a machine is made."""
+    return Page(new_machine_page(context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/setup", response_class=Page)
+def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> Page:
+    """Show a machine's set-up: what is there, what is missing, and what comes next."""
+    view = show_setup(context, machine)
+    reports: ConnectionReports = request.app.state.connection_reports
+    sources = [
+        Source(one.name, one.connected, one.trouble)
+        for one in reports.now().connections
+        if machine in one.machines
+    ]
+    return Page(setup_page(view, sources, context.now()), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}", response_class=Page)

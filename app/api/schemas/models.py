@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import Field, RootModel, field_validator
 
@@ -22,10 +23,18 @@ if TYPE_CHECKING:
     from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 
 
-class AssignmentSchema(RootModel[dict[str, str]]):
-    """Component (code or the chapter's notation) to the sensor that it follows."""
+_PATTERN: Final = re.compile(r"(?=.*\*)[A-Z*^xyz]{1,6}")
+"""A component's code with `*` for any letters."""
 
-    model_config = {"json_schema_extra": {"examples": [{"EXX": "x-middle", "EZZ": "z-column"}]}}
+
+class AssignmentSchema(RootModel[dict[str, str]]):
+    """Component to the sensor that it follows.
+
+    Components are named by code or in the chapter's notation; `E*X` stands for all components of
+    the maps whose code fits, and gives way to a component that is named itself.
+    """
+
+    model_config = {"json_schema_extra": {"examples": [{"E*X": "x-middle", "EZZ": "z-column"}]}}
 
     @field_validator("root", mode="before")
     @classmethod
@@ -33,6 +42,8 @@ class AssignmentSchema(RootModel[dict[str, str]]):
         """Refuse unknown names before their values: who wraps an assignment is told of the name."""
         errors = []
         for name in stated if isinstance(stated, dict) else ():
+            if _PATTERN.fullmatch(name):
+                continue
             try:
                 parse_component(name)
             except UnknownComponent as unknown:
@@ -42,10 +53,10 @@ class AssignmentSchema(RootModel[dict[str, str]]):
         return stated
 
     def to_codes(self) -> dict[str, str]:
-        """Read the components' names; InvalidContent where one has two sensors."""
+        """Read the components' names, patterns as they are; InvalidContent where one is twice."""
         found: dict[str, str] = {}
         for name, sensor in self.root.items():
-            code = parse_component(name)[0].code
+            code = name if _PATTERN.fullmatch(name) else parse_component(name)[0].code
             if found.setdefault(code, sensor) != sensor:
                 raise InvalidContent.of_field(name, f"{code} is assigned to two sensors")
         return found

@@ -10,6 +10,8 @@ const override = document.getElementById("override");
 const machine = encodeURIComponent(drop.dataset.machine);
 const api = `/v1/machines/${machine}`;
 const LOOK_BACK_S = 900;
+const waiting = document.getElementById("waiting-files");
+const queue = [];
 let chosen = null;
 let asked = 0;
 let opener = choose;
@@ -28,6 +30,12 @@ export function say(title, lines = [], kind = "limited") {
   list.append(...lines.map((line) => element("li", line)));
   words.append(element("h3", title));
   if (lines.length) words.append(list);
+  if (queue.length > 1 && kind === "limited") {
+    const onward = element("button", "Leave it, next file");
+    onward.type = "button";
+    onward.dataset.do = "discard";
+    words.append(onward);
+  }
   box.append(words);
   preview.replaceChildren(box);
   preview.focus();
@@ -144,6 +152,23 @@ export async function take(name, bytes, from = choose) {
 
 const takeFile = async (one) => take(one.name, await one.arrayBuffer());
 
+// Of several files each is shown and decided by itself, one after the other.
+function takeFiles(files) {
+  queue.push(...files);
+  listWaiting();
+  if (files.length && queue.length === files.length) takeFile(queue[0]);
+}
+
+function next() {
+  queue.shift();
+  listWaiting();
+  if (queue.length) takeFile(queue[0]);
+}
+
+function listWaiting() {
+  waiting.replaceChildren(...queue.slice(1).map((one) => element("li", `${one.name} waits`)));
+}
+
 async function takeReading() {
   const said = document.getElementById("then-said");
   const time = Date.parse(`${beside.elements.measured_at.value}Z`);
@@ -178,15 +203,21 @@ async function store(path, acceptLosses) {
   const isMap = path === "error-maps";
   const waits = stored.activated === false ? `; v${stored.model_version} waits.` : ".";
   const title = isMap ? `Map ‘${stored.label}’ is stored${waits}` : `Check ‘${stored.label}’ is stored.`;
-  const lines = stored.judgement ? [stored.judgement.summary] : [];
-  say(title, [...lines, ...(stored.warnings ?? [])], "fine");
+  const lines = [...(stored.judgement ? [stored.judgement.summary] : []), ...(stored.warnings ?? [])];
+  dispatchEvent(new CustomEvent("thermap-changed", { detail: { path, stored } }));
+  if (queue.length > 1) {
+    document.getElementById("stored-files").append(element("li", [title, ...lines].join(" ")));
+    next();
+    return;
+  }
+  queue.length = 0;
+  say(title, lines, "fine");
   const [other, words] = isMap ? ["maps", "Maps and versions"] : ["loop", "Loop"];
   if (!location.pathname.endsWith(`/${other}`)) {
     const link = element("a", words);
     link.href = `/machines/${machine}/${other}`;
     preview.querySelector("h3").after(link);
   }
-  dispatchEvent(new CustomEvent("thermap-changed", { detail: { path, stored } }));
 }
 
 export function discard() {
@@ -196,6 +227,7 @@ export function discard() {
   override.hidden = true;
   preview.replaceChildren();
   (document.getElementById(opener.id) ?? choose).focus();
+  next();
 }
 
 // Whose button it was, to which the focus goes back; of a version that is shown there is no file.
@@ -213,8 +245,8 @@ document.addEventListener("click", async (event) => {
   }
   if (!button.dataset.do) return;
   const found = document.getElementById("found");
-  found.dataset.isDone = "";
-  for (const one of found.querySelectorAll("button")) one.disabled = true;
+  if (found) found.dataset.isDone = "";
+  for (const one of found?.querySelectorAll("button") ?? []) one.disabled = true;
   const act = button.dataset.do;
   if (act === "discard") discard();
   else if (act === "store-check") await store("verifications");
@@ -232,9 +264,7 @@ document.getElementById("then").addEventListener("click", takeReading);
 choose.disabled = false;
 choose.addEventListener("click", () => file.click());
 file.addEventListener("change", () => {
-  const [one] = file.files;
-  if (!one) return;
-  takeFile(one);
+  takeFiles([...file.files]);
   file.value = "";
 });
 
@@ -253,6 +283,5 @@ document.addEventListener("drop", (event) => {
   event.preventDefault();
   drop.classList.remove("over");
   const files = [...event.dataTransfer.files];
-  if (files.length > 1) say("One file after the other, please: nothing was read.", files.map((one) => one.name));
-  else if (files.length) takeFile(files[0]);
+  takeFiles(files);
 });

@@ -11,6 +11,7 @@ MACHINE_PAGES: Final[tuple[tuple[str, str], ...]] = (
     ("/maps", "Maps and versions"),
     ("/volume", "Volume"),
     ("/events", "Events"),
+    ("/setup", "Set-up"),
 )
 """Where each stands below `/machines/{machine}`, and its title."""
 
