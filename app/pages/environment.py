@@ -14,6 +14,7 @@ from app.errors import counted
 from app.pages.dashboard.navigation import MACHINE_PAGES
 from app.pages.dashboard.numbers import age, number, signed, with_unit
 from app.pages.plotly_script import plotly_script
+from app.pages.reader_zone import local, localised, zone_key, zone_name
 from app.pages.report_parts.component_names import chapter_name, component_name
 from app.pages.report_parts.drawing import figures_json
 from app.pages.report_parts.effect_names import TESTS, kind_name, parameter_name
@@ -59,16 +60,19 @@ _ENVIRONMENT.globals |= {
     "key": key_asking,
     "may_write": may_write,
     "may_make_machines": may_make_machines,
+    "zone_key": zone_key,
 }
 _ENVIRONMENT.filters |= {
     "signed": signed,
     "number": number,
     "with_unit": with_unit,
     "age": age,
-    "day_and_time": lambda time: f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
+    "day_and_time": lambda time: f"{local(time):%Y-%m-%d %H:%M:%S}",
     "iso": lambda time: f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}",
-    "day": lambda time: f"{time.astimezone(UTC):%Y-%m-%d}",
-    "utc": lambda time: f"{time.astimezone(UTC):%H:%M:%S} UTC",
+    "day": lambda time: f"{local(time):%Y-%m-%d}",
+    "time_of_day": lambda time: f"{local(time):%H:%M:%S} {zone_name(time)}",
+    "zone_name": zone_name,
+    "localised": localised,
 }
 
 

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from app.effects.observations import POINT_CHANNELS, Observation, Verification
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.pages.reader_zone import day_and_time
 from app.pages.report_parts.words import figure_text
 from app.search.rows import Datum
 from app.thermal.error_map import ErrorMap
@@ -150,7 +151,7 @@ def read_of_map(error_map: ErrorMap) -> WhatWasRead:
     return WhatWasRead(
         [
             ("map", f"‘{error_map.label}’"),
-            ("measured", f"{error_map.measured_at.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"),
+            ("measured", day_and_time(error_map.measured_at)),
             ("temperatures", list_names(temperatures)),
             ("repeatability", _repeatability(error_map.repeatability_um)),
             ("instrument", error_map.instrument or NOT_STATED),
@@ -163,7 +164,7 @@ def read_of_verification(found: Verification) -> WhatWasRead:
     """Say what was read of a verification."""
     times = [one.time_s for one in found.observations]
     ends = (datetime.fromtimestamp(t, UTC) for t in (min(times), max(times)))
-    span = " to ".join(dict.fromkeys(f"{end:%Y-%m-%d %H:%M:%S}" for end in ends))
+    span = " to ".join(dict.fromkeys(map(day_and_time, ends)))
     setups = {one.setup for one in found.observations if one.setup is not None}
     lines: dict[str, dict[float, list[tuple[float, float]]]] = {}
     for one in found.observations:
@@ -174,7 +175,7 @@ def read_of_verification(found: Verification) -> WhatWasRead:
             ("check", f"‘{found.label}’"),
             ("zero", ZEROS[found.datum]),
             ("repeatability", _repeatability(found.repeatability_um)),
-            ("measured", f"{span} UTC"),
+            ("measured", span),
             ("set-ups", list_names(sorted(setups)) if setups else NOT_STATED),
         ],
         [ReadComponent(name, _unit(name), of_ways) for name, of_ways in sorted(lines.items())],

@@ -25,6 +25,7 @@ from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_p
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.setup import Source, new_machine_page, setup_page
 from app.pages.dashboard.volume import volume_page
+from app.pages.reader_zone import COOKIE, read_zone
 from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
 from app.services.dashboard import show_machine_view, show_machine_views
@@ -39,7 +40,13 @@ from app.services.setup import show_setup
 from app.services.status import show_status
 from app.services.volume import show_volume
 
-router = Router(route_class=BodyRoute, include_in_schema=False)
+
+async def _in_readers_zone(request: Request) -> None:
+    """Let times be written in the zone that the browser states."""
+    read_zone(request.cookies.get(COOKIE))
+
+
+router = Router(read_first=_in_readers_zone, route_class=BodyRoute, include_in_schema=False)
 
 _HEADERS = {"Cache-Control": "no-store"}
 

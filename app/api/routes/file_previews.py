@@ -20,6 +20,7 @@ from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import FieldError, InvalidContent
 from app.pages.dashboard.loop import check_preview
 from app.pages.dashboard.maps import upload_preview
+from app.pages.reader_zone import COOKIE, read_zone
 from app.services.error_maps import preview_error_map
 
 
@@ -42,6 +43,7 @@ async def uploaded_file(
     name: FileName = "file.csv",
 ) -> _Read:
     """Read what came as the kind that is expected, or else as the one that it is."""
+    read_zone(request.cookies.get(COOKIE))
 
     async def read(kind: FileKind) -> FoundMap | UploadedVerification:
         if kind is FileKind.CHECK:

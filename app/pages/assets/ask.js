@@ -96,6 +96,34 @@ export function askOnce(place, words, lines, verb, act, destroys = false) {
   (destroys ? no : yes).focus();
 }
 
+// The zone in which this page writes times.
+const ZONE = document.documentElement.dataset.zone;
+const WRITTEN = { timeZone: ZONE, hourCycle: "h23", year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit" };
+
+function parts(time) {
+  return Object.fromEntries(new Intl.DateTimeFormat("en-GB", { ...WRITTEN, timeZoneName: "short" }).formatToParts(new Date(time)).map((one) => [one.type, one.value]));
+}
+
+// A moment as the page writes it, such as 2026-03-02 07:00:00 CET.
+export function dayAndTime(time) {
+  const at = parts(time);
+  return `${at.year}-${at.month}-${at.day} ${at.hour}:${at.minute}:${at.second} ${at.timeZoneName}`;
+}
+
+export const timeOfDay = (time) => dayAndTime(time).slice(11);
+
+// What a field for a time holds, and the moment that is meant, in UTC as the service takes it.
+export const typedOf = (time) => dayAndTime(time).slice(0, 19).replace(" ", "T");
+
+export function momentOf(typed) {
+  const asUtc = Date.parse(`${typed}Z`);
+  if (Number.isNaN(asUtc)) return null;
+  // The zone's clock is ahead by what it shows beside what was typed; twice, for the hour at which it changes.
+  let moment = asUtc;
+  for (let i = 0; i < 2; i += 1) moment = asUtc - (Date.parse(`${typedOf(moment)}Z`) - moment);
+  return new Date(moment).toISOString();
+}
+
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 const THOUSANDS = /^[+-]?[1-9]\d{0,2},\d{3}$/;
 
@@ -119,9 +147,9 @@ export function changeWords(preview) {
   const [then] = preview.recorded.changes;
   if (!then) return changeNow(preview);
   const at = then.position_mm === null ? "" : ` at ${then.component.at(-1)} ${then.position_mm}`;
-  const when = then.time.slice(0, 16).replace("T", " ");
+  const when = dayAndTime(then.time);
   return (
-    `${changeNow(preview)} At the worst of ${preview.recorded.count} recorded readings (${when} UTC) it would have changed ` +
+    `${changeNow(preview)} At the worst of ${preview.recorded.count} recorded readings (${when}) it would have changed ` +
     `${then.component} by ${signed(then.change)} ${then.unit}${at}.`
   );
 }

@@ -1,5 +1,5 @@
 // A controller's files: what they are, what to check after loading, and what they do not hold.
-import { list, numberOf, refused, Refusal, send, signed, told } from "./ask.js";
+import { list, numberOf, refused, Refusal, send, signed, timeOfDay, told } from "./ask.js";
 
 const room = document.getElementById("export");
 const form = document.getElementById("options");
@@ -118,7 +118,7 @@ const SIGNS = { error: "error, actual minus nominal", compensation: "compensatio
 
 function head(answer) {
   const at = Object.entries(answer.temperatures_c).map(([name, t]) => `${name} ${t.toFixed(2).replace("-", "−")}\u00a0°C`);
-  const made = add("p", place, `Made ${answer.computed_at.slice(11, 19)} UTC with v${answer.model_version} at ${at.join(", ")}. Values: ${SIGNS[answer.sign]}.`);
+  const made = add("p", place, `Made ${timeOfDay(answer.computed_at)} with v${answer.model_version} at ${at.join(", ")}. Values: ${SIGNS[answer.sign]}.`);
   made.tabIndex = -1;
   if (!answer.complete) add("p", place, "The compensation table is not complete.", "caution");
   if (answer.warnings.length) place.append(list(answer.warnings.map(sentence)));
@@ -193,7 +193,7 @@ form?.addEventListener("submit", (event) => {
 download?.addEventListener("click", () =>
   ask("Nothing was downloaded.", async () => {
     save(await send("POST", room.dataset.path, stated(), "application/zip"), room.dataset.name);
-    told(said, `${room.dataset.name} was made ${new Date().toISOString().slice(11, 19)} UTC at the reading of then. Its check table is in it: thermap-check.txt.`);
+    told(said, `${room.dataset.name} was made ${timeOfDay(Date.now())} at the reading of then. Its check table is in it: thermap-check.txt.`);
   }),
 );
 

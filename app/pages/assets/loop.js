@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, numberOf, refused, send, told } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, momentOf, numberOf, refused, send, told, typedOf } from "./ask.js";
 
 const { take } = document.getElementById("drop") ? await import("./upload.js") : {};
 
@@ -251,7 +251,7 @@ function another() {
 function observation(row, error, position) {
   const value = (name) => field(row, name).value;
   return {
-    time: `${value("time")}Z`,
+    time: momentOf(value("time")) ?? value("time"),
     component: value("component").trim(),
     measured_um: error,
     // What has no position, squareness, has no approach either.
@@ -264,7 +264,7 @@ if (rows) {
   on("typed-more", "click", another);
   rows.addEventListener("input", ({ target }) => {
     const time = field(target.closest("tr"), "time");
-    if (target.name === "error" && !time.value) time.value = new Date().toISOString().slice(0, 19);
+    if (target.name === "error" && !time.value) time.value = typedOf(Date.now());
   });
   // What was shown was of what was typed then.
   document.querySelector("#typed form").addEventListener("input", () => by("preview").replaceChildren());

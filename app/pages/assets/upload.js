@@ -1,6 +1,8 @@
 // A file, or values that were typed in, are shown as they were read; only a button stores them. The
 // service says which kind a file is of, reads and judges it; here its answers are put in their place.
 
+import { dayAndTime, momentOf } from "./ask.js";
+
 const drop = document.getElementById("drop");
 const preview = document.getElementById("preview");
 const file = document.getElementById("file");
@@ -125,7 +127,7 @@ function stated() {
   const axis = beside.elements.axis.value;
   if (axis) found.set("axis", "XYZ".includes(axis) ? axis.toLowerCase() : axis);
   const time = beside.elements.measured_at.value;
-  if (time) found.set("measured_at", `${time}Z`);
+  if (time) found.set("measured_at", momentOf(time) ?? time);
   for (const one of beside.querySelectorAll("[data-sensor]")) {
     if (one.value.trim()) found.append("temperature", `${one.dataset.sensor}=${one.value.trim()}`);
   }
@@ -171,7 +173,7 @@ function listWaiting() {
 
 async function takeReading() {
   const said = document.getElementById("then-said");
-  const time = Date.parse(`${beside.elements.measured_at.value}Z`);
+  const time = Date.parse(momentOf(beside.elements.measured_at.value) ?? "");
   if (Number.isNaN(time)) {
     said.textContent = "State the time first.";
     beside.elements.measured_at.focus();
@@ -189,7 +191,7 @@ async function takeReading() {
     return;
   }
   for (const one of beside.querySelectorAll("[data-sensor]")) one.value = last.temperatures_c[one.dataset.sensor] ?? "";
-  said.textContent = `Reading of ${last.time.slice(0, 19).replace("T", " ")} UTC, ${Math.round((time - Date.parse(last.time)) / 1000)} s before.`;
+  said.textContent = `Reading of ${dayAndTime(last.time)}, ${Math.round((time - Date.parse(last.time)) / 1000)} s before.`;
   preview.replaceChildren();
 }
 

@@ -1,6 +1,8 @@
 // The flat drawing is the service's and always there. 3D is plotly's, which is large: it is loaded when
 // somebody wants it, and only where WebGL works.
 
+import { timeOfDay } from "./ask.js";
+
 const PLOTLY = "/docs-assets/plotly.min.js";
 let three;
 let flat;
@@ -64,7 +66,7 @@ async function draw() {
     // Letters stay as large in a narrow window: what is said there is less, and does not collide.
     const { narrow } = figure.layout.meta;
     if (space.clientWidth < narrow.below_px) await window.Plotly.relayout(space, narrow.changes);
-    why.textContent = `${drawn} As of ${new Date().toISOString().slice(11, 19)} UTC; 3D draws it anew.`;
+    why.textContent = `${drawn} As of ${timeOfDay(Date.now())}; 3D draws it anew.`;
   } catch (error) {
     show(false);
     why.textContent = `The 3D picture was not drawn: ${error.message}. The flat drawing shows the same numbers.`;

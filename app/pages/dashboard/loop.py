@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from itertools import groupby
 from statistics import median
 from typing import Any, Final
@@ -22,6 +22,7 @@ from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock
 from app.pages.environment import render_live
+from app.pages.reader_zone import zone_name
 from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import TIME, largest
@@ -316,7 +317,8 @@ def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
     names = list_names(map(component_name, dict.fromkeys(curve.components)), 3)
     over_time = curve.over == TIME
     floor = _floor_of(curve.components, result)
-    unit = "UTC" if over_time else curve.over_unit
+    last = datetime.fromtimestamp(curve.driver[-1], UTC)
+    unit = zone_name(last) if over_time else curve.over_unit
     return {
         "names": names,
         "unit": curve.unit,

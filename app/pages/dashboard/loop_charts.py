@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from math import ceil, floor
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from app.pages.dashboard.charts import Scale, ticks_between
 from app.pages.dashboard.numbers import MINUS
+from app.pages.reader_zone import local
 from app.units import SECONDS_PER_H
 
 INSET: Final = 3.0
@@ -115,7 +116,9 @@ def _across(value: float, low: float, high: float) -> float:
 
 
 def _times(low: float, high: float) -> tuple[float, ...]:
-    """Choose whole hours, days or weeks, UTC, between two times; the first where there is none.
+    """Choose whole hours, days or weeks between two times; the first where there is none.
+
+    They are whole on the reader's clock, as it goes at the first of the two times.
 
     >>> [t / 3600.0 for t in _times(1800.0, 86400.0)]
     [6.0, 12.0, 18.0, 24.0]
@@ -123,13 +126,16 @@ def _times(low: float, high: float) -> tuple[float, ...]:
     step = next((s for s in TIME_STEPS_S if (high - low) / s < MOST_TIMES), None)
     if step is None:
         return ticks_between(low, high, about=MOST_TIMES)
-    found = tuple(i * step for i in range(ceil(low / step), floor(high / step) + 1))
+    shift = local(datetime.fromtimestamp(low, UTC)).utcoffset() or timedelta(0)
+    ahead = shift.total_seconds()
+    first, last = ceil((low + ahead) / step), floor((high + ahead) / step)
+    found = tuple(i * step - ahead for i in range(first, last + 1))
     return found or (low,)
 
 
 def _dated(times_s: Sequence[float]) -> list[str]:
     """Write times: as days where all are midnights."""
-    moments = [datetime.fromtimestamp(t, UTC) for t in times_s]
+    moments = [local(datetime.fromtimestamp(t, UTC)) for t in times_s]
     is_days = all((m.hour, m.minute) == (0, 0) for m in moments)
     years = {m.year for m in moments}
     form = "%-d %b" if is_days else "%-d %b %H:%M"

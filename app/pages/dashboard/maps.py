@@ -15,6 +15,7 @@ from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale,
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock, number, short, signed
 from app.pages.environment import render_live
+from app.pages.reader_zone import day_and_time
 from app.pages.what_was_read import WhatWasRead, read_of_map
 from app.services.maps_view import MapsView
 from app.services.models import Preview
@@ -120,7 +121,7 @@ def withdrawal_preview(preview: Preview, stored: StoredMap) -> str:
         preview,
         "withdraw",
         f"Withdrawing ‘{label}’",
-        f"map ‘{label}’, measured {stored.error_map.measured_at:%Y-%m-%d %H:%M} UTC",
+        f"map ‘{label}’, measured {day_and_time(stored.error_map.measured_at)}",
         withdrawn={"id": stored.id, "label": label},
     )
 
@@ -223,7 +224,7 @@ def _recorded(recorded: RecordedChanges) -> list[str]:
     rows = ((_row(one.change), one.time) for one in recorded.changes)
     named = list_names(
         (
-            f"{row['code']} by {row['change']} {row['unit']} {row['place']} ({then:%Y-%m-%d %H:%M})"
+            f"{row['code']} by {row['change']} {row['unit']} {row['place']} ({day_and_time(then)})"
             for row, then in rows
         ),
         MOST_RECORDED,

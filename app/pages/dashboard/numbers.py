@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Final
 
 from markupsafe import Markup
 
+from app.pages.reader_zone import local
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H, SECONDS_PER_MIN
 
 MINUS: Final = "\N{MINUS SIGN}"
@@ -73,15 +74,14 @@ def age(seconds: float) -> str:
 
 
 def clock(time: datetime, now: datetime) -> str:
-    """Write a time of day, with the date where it is not today's.
+    """Write a time of day in the reader's zone, with the date where it is not today's.
 
+    >>> from datetime import UTC
     >>> now = datetime(2026, 3, 6, 12, 0, tzinfo=UTC)
     >>> clock(datetime(2026, 3, 6, 5, 12, tzinfo=UTC), now)
     '05:12'
     >>> clock(datetime(2026, 2, 8, 23, 59, tzinfo=UTC), now)
     '2026-02-08 23:59'
     """
-    time = time.astimezone(UTC)
-    return (
-        f"{time:%H:%M}" if time.date() == now.astimezone(UTC).date() else f"{time:%Y-%m-%d %H:%M}"
-    )
+    time = local(time)
+    return f"{time:%H:%M}" if time.date() == local(now).date() else f"{time:%Y-%m-%d %H:%M}"

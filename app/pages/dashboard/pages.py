@@ -25,6 +25,7 @@ from app.pages.dashboard.events import event_row
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, short, signed
 from app.pages.environment import render_live
+from app.pages.reader_zone import localised, zone_name
 from app.services.dashboard import Curve, MachineView
 from app.status.machine_status import (
     LastCheck,
@@ -182,8 +183,8 @@ def _summary(statuses: Sequence[MachineStatus], counts: Mapping[str, int]) -> Su
 
 
 def _trouble_words(trouble: Trouble, now: datetime) -> str:
-    since = clock(trouble.since, now)
-    return f"The database {trouble.matter.value} since {since} UTC: tables go on from memory."
+    since = f"{clock(trouble.since, now)} {zone_name(trouble.since)}"
+    return f"The database {trouble.matter.value} since {since}: tables go on from memory."
 
 
 def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[str, Any]:
@@ -199,8 +200,10 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "status": status,
         "group": group,
         "state": _state_words(status, now),
-        "why": why,
-        "more": " ".join(status.sentences) if status.verdict is not Verdict.TRUSTED else "",
+        "why": localised(why, now),
+        "more": ""
+        if status.verdict is Verdict.TRUSTED
+        else localised(" ".join(status.sentences), now),
         "leading": leading,
         "course": course,
         "is_old": leading is None or leading.health is not Health.OK or _is_old(status),

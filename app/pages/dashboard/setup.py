@@ -16,6 +16,7 @@ from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
 from app.pages.environment import render_live
+from app.pages.reader_zone import day_and_time
 from app.services.setup import SetupView
 from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
@@ -129,7 +130,7 @@ def _steps(view: SetupView) -> Iterator[Step]:
     follow = f"{list_names(without, 6)} follow no sensor" if without else "every component has one"
     yield Step("Sensors", bool(maps) and not without, follow if maps else "after the maps")
     at = view.status.reading_time
-    arrived = "none has come yet" if at is None else f"latest {at:%Y-%m-%d %H:%M:%S} UTC"
+    arrived = "none has come yet" if at is None else f"latest {day_and_time(at)}"
     yield Step("Readings", at is not None, arrived)
 
 
