@@ -528,3 +528,30 @@ def test_thirty_sensors_fit_and_the_sick_ones_stand_first(chromium, shop):
         expect(idle).to_have_attribute("open", "")
         assert barriers(page) == []
         assert wrong == []
+
+
+def test_times_are_those_of_the_clock_beside_the_machine(chromium, shop):
+    """In Kolkata, 5 h 30 min ahead: what is shown, and what is typed."""
+    with shop.open(), opened(chromium, shop, timezone_id="Asia/Kolkata") as (page, wrong):
+        shop.feed(25.0)
+        page.goto(shop.url + "/machines/mcfv5050/maps")
+        expect(page.locator("#clock")).to_contain_text("IST")
+        expect(page.locator("#in-use thead")).to_contain_text("measured, IST")
+        csv = "component,position_mm,error_um\nEXX,0,0\nEXX,500,2\n"
+        page.set_input_files(
+            "#file", {"name": "a.csv", "mimeType": "text/csv", "buffer": csv.encode()}
+        )
+        expect(page.locator("#override")).to_have_attribute("open", "")
+        page.get_by_label("Measured at, IST").fill("2026-03-01T11:30:00")
+        for sensor in ("x-middle", "y-front", "z-column", "spindle"):
+            page.get_by_label(sensor, exact=True).fill("25,5")
+        page.get_by_label("The map’s name").fill("a")
+        page.get_by_role("button", name="Show what it would change").click()
+        expect(page.locator("#preview")).to_contain_text("2026-03-01 11:30:00 IST")
+        page.locator("#preview [data-do^=store]").first.click()
+        expect(page.locator("#preview")).to_contain_text("is stored")
+        assert [one for one in wrong if "422" not in one] == []
+    with shop.open():
+        maps = httpx.get(f"{shop.url}{ROOM}/error-maps", timeout=60, trust_env=False).json()
+    (stored,) = [one for one in maps if one["label"] == "a"]
+    assert stored["measured_at"] == "2026-03-01T06:00:00Z"
