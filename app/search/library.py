@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, islice
@@ -17,7 +17,7 @@ from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
 from app.search.moments import Fixed, Moments, blocks, moments_of
-from app.search.problem import Problem, Term
+from app.search.problem import Problem, SideBySide, Term
 from app.search.scatter import FEWEST_BLOCKS
 
 WIDTH: Final = 256
@@ -234,33 +234,22 @@ def read_library(
     """
     library = Library(problem, candidates)
     builder = _BatchBuilder(library, draws, by_cell)
-    for share, entry, term in _terms(problem, library, candidates):
-        step(share)
-        if library.entries[entry].excited:
-            builder.add(entry, term)
-    builder.finish()
-    return library
-
-
-def _terms(
-    problem: Problem, library: Library, candidates: Sequence[Candidate]
-) -> Iterator[tuple[float, int, Term]]:
-    size = max(1, TOGETHER // max(problem.count, 1))
+    together = max(1, TOGETHER // max(problem.count, 1))
     every = (
         (n, candidate, theta)
         for n, candidate in enumerate(candidates)
         for theta in candidate.thetas
     )
-    for _, alike in groupby(every, key=lambda one: _laid_out_by(one[1])):
-        while some := list(islice(alike, size)):
-            terms = problem.terms([(candidate, theta) for _, candidate, theta in some])
-            for (number, _, theta), term in zip(some, terms, strict=True):
-                library.entries.append(Entry(number, theta, term.norms))
-                yield number / len(candidates), len(library.entries) - 1, term
+    for layout, alike in groupby(every, key=lambda one: _laid_out_by(one[1])):
+        while some := list(islice(alike, 1 if isinstance(layout, str) else together)):
+            step(some[0][0] / len(candidates))
+            builder.add(some, problem.side_by_side([(c, theta) for _, c, theta in some]))
+    builder.finish()
+    return library
 
 
 def _laid_out_by(candidate: Candidate) -> object:
-    """Give what is equal for candidates that are laid out together."""
+    """Give what is equal for candidates that are laid out together; a key for what is alone."""
     layout = candidate.layout
     return candidate.key if layout is None else (layout.where, layout.parts)
 
@@ -276,23 +265,52 @@ class _BatchBuilder:
     library: Library
     draws: Draws | None
     by_cell: bool
-    waiting: dict[Key, list[tuple[int, Term]]] = field(default_factory=lambda: defaultdict(list))
-    waiting_bytes: dict[Key, int] = field(default_factory=lambda: defaultdict(int))
-    all_waiting_bytes: int = 0
+    waiting: dict[Key, list[tuple[list[int], dict[int, FloatArray]]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    waiting_count: Counter[Key] = field(default_factory=Counter)
+    waiting_bytes: Counter[Key] = field(default_factory=Counter)
     kept_bytes: int = 0
     product_bytes: int = 0
 
-    def add(self, entry: int, term: Term) -> None:
-        """Let an entry wait for its batch."""
-        key = (term.channels, term.size, term.candidate.generic)
-        self.waiting[key].append((entry, term))
-        self.waiting_bytes[key] += term.size_bytes
-        self.all_waiting_bytes += term.size_bytes
-        limit = WIDTH if len(term.columns) == 1 else FINGERPRINT_WIDTH
-        if len(self.waiting[key]) * term.size >= limit:
-            self._add_batch(key)
-        elif self.all_waiting_bytes > WAITING_BYTES:
-            self._add_batch(max(self.waiting_bytes, key=lambda key: (self.waiting_bytes[key], key)))
+    def add(
+        self, some: Sequence[tuple[int, Candidate, float | None]], laid_out: SideBySide
+    ) -> None:
+        """Let entries wait for their batches: candidates by number, each at a value of its grid."""
+        columns, norms, starts, ends, shows = laid_out
+        by_key: dict[Key, list[int]] = defaultdict(list)
+        first = len(self.library.entries)
+        numbers = np.array(list(columns), dtype=np.intp)
+        for i, ((number, candidate, theta), start, end) in enumerate(
+            zip(some, starts.tolist(), ends.tolist(), strict=True)
+        ):
+            channels = tuple(numbers[shows[:, i]].tolist())
+            entry = Entry(number, theta, norms[start:end] if channels else np.zeros(1))
+            self.library.entries.append(entry)
+            if entry.excited:
+                by_key[channels, entry.size, candidate.generic].append(i)
+        for key, members in by_key.items():
+            self._wait(key, np.array(members) + first, starts[members], columns)
+
+    def _wait(
+        self, key: Key, entries: IntArray, starts: IntArray, columns: Mapping[int, FloatArray]
+    ) -> None:
+        """Let entries of one key wait, as many at a time as still fit into its batch."""
+        channels, size, _ = key
+        limit = -(-(WIDTH if len(channels) == 1 else FINGERPRINT_WIDTH) // size)
+        while len(entries):
+            room = limit - self.waiting_count[key]
+            at = (starts[:room, None] + np.arange(size)).ravel()
+            # Copies: what waits must not keep alive all that was laid out with it.
+            own = {c: columns[c].T[at].T for c in channels}
+            self.waiting[key].append((entries[:room].tolist(), own))
+            self.waiting_count[key] += len(entries[:room])
+            self.waiting_bytes[key] += sum(one.nbytes for one in own.values())
+            if self.waiting_count[key] == limit:
+                self._add_batch(key)
+            while self.waiting_bytes.total() > WAITING_BYTES:
+                self._add_batch(max(self.waiting_bytes, key=lambda k: (self.waiting_bytes[k], k)))
+            entries, starts = entries[room:], starts[room:]
 
     def finish(self) -> None:
         """Let those go that still wait."""
@@ -302,11 +320,12 @@ class _BatchBuilder:
     def _add_batch(self, key: Key) -> None:
         """Set what waits side by side."""
         channels, size, generic = key
-        terms = self.waiting.pop(key)
-        self.all_waiting_bytes -= self.waiting_bytes.pop(key)
-        batch = Batch(channels, size, generic, [entry for entry, _ in terms])
-        columns = {c: np.hstack([term.columns[c] for _, term in terms]) for c in channels}
-        self.add_batch(batch, columns)
+        waiting = self.waiting.pop(key)
+        del self.waiting_count[key], self.waiting_bytes[key]
+        batch = Batch(
+            channels, size, generic, [entry for entries, _ in waiting for entry in entries]
+        )
+        self.add_batch(batch, {c: np.hstack([own[c] for _, own in waiting]) for c in channels})
 
     def add_batch(self, batch: Batch, columns: Mapping[int, FloatArray]) -> None:
         """Gather a batch's products, of its columns in each channel, shape (n, g k)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -60,17 +60,27 @@ class Term:
         """The channels it acts on."""
         return tuple(sorted(self.columns))
 
-    @property
-    def size_bytes(self) -> int:
-        """Size of its columns."""
-        return sum(columns.nbytes for columns in self.columns.values())
-
     def moments(self, fixed: Fixed) -> Moments:
         """Multiply its columns in one channel, once."""
         number = fixed.channel.number
         if number not in self._moments:
             self._moments[number] = moments_of(fixed.channel, self.columns[number], fixed.cells)
         return self._moments[number]
+
+
+class SideBySide(NamedTuple):
+    """Columns of e candidates, m in all, of unit length over all channels.
+
+    `columns` are each channel's, shape (n, m), and `norms` their lengths, shape (m,); each has
+    those from `starts` to before `ends`, shape (e,), and `shows` says in which of the channels,
+    shape (channels, e).
+    """
+
+    columns: Mapping[int, FloatArray]
+    norms: FloatArray
+    starts: IntArray
+    ends: IntArray
+    shows: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,27 +135,30 @@ class Problem:
         self._divide(columns, norms)
         return Term(candidate, theta, columns, norms, about=about)
 
-    def terms(self, wanted: Sequence[tuple[Candidate, float | None]]) -> list[Term]:
+    def side_by_side(self, wanted: Sequence[tuple[Candidate, float | None]]) -> SideBySide:
         """Evaluate candidates of one layout, each at a value of its nonlinear parameter."""
         layout = wanted[0][0].layout
-        if layout is None or len(wanted) == 1:
-            return [self.term(candidate, theta) for candidate, theta in wanted]
-        each = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
-        ends = np.cumsum([len(own) for own in each]).tolist()
-        columns = self._columns(wanted[0][0], layout.parts([one for own in each for one in own]))
+        if layout is None:
+            (candidate, theta) = wanted[0]
+            columns, sizes = self._columns(candidate, candidate.columns(theta)), None
+        else:
+            each = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
+            sizes = [len(own) for own in each]
+            parts = layout.parts([amplitude for own in each for amplitude in own])
+            columns = self._columns(wanted[0][0], parts)
         squares = self._squares(columns)
+        ends = np.cumsum(sizes or [_width(columns)])
         norms = np.sqrt(sum(squares.values(), np.zeros(ends[-1])))
         self._divide(columns, norms)
-        found = []
-        for (candidate, theta), first, end in zip(wanted, [0, *ends], ends, strict=False):
-            # One may leave channels alone in which others show. Copies do not keep all alive.
-            own = {
-                c: columns[c][:, first:end].copy(order="K")
-                for c in columns
-                if squares[c][first:end].any()
-            }
-            found.append(Term(candidate, theta, own, norms[first:end] if own else np.zeros(1)))
-        return found
+        starts = np.append(0, ends[:-1])
+        # A candidate that is laid out with others may leave channels alone in which these show.
+        shows = [
+            np.ones(1, dtype=np.bool_) if layout is None else np.add.reduceat(own, starts) > 0.0
+            for own in squares.values()
+        ]
+        return SideBySide(
+            columns, norms, starts, ends, np.array(shows, dtype=np.bool_).reshape(-1, len(ends))
+        )
 
     def _columns(self, candidate: Candidate, parts: Sequence[Part]) -> dict[int, FloatArray]:
         """Lay parts out over the rows of their channels, by number."""

@@ -36,10 +36,10 @@ def test_columns_that_wait_for_their_batch_are_limited(monkeypatch):
     longest = []
     add = libraries._BatchBuilder.add
 
-    def watched(gathering, entry, term):
-        add(gathering, entry, term)
-        waiting = [one for terms in gathering.waiting.values() for _, one in terms]
-        sizes = [columns.nbytes for one in waiting for columns in one.columns.values()]
+    def watched(gathering, some, laid_out):
+        add(gathering, some, laid_out)
+        waiting = [own for parts in gathering.waiting.values() for _, own in parts]
+        sizes = [columns.nbytes for own in waiting for columns in own.values()]
         assert sum(gathering.waiting_bytes.values()) == sum(sizes)
         longest.append(sum(sizes))
 
