@@ -314,19 +314,18 @@ def _amplitudes(
 
     The levels are of all entries, shape (1, m), or of each, shape (g, m).
     """
-    # Entries and draws come last: the solution then works on long rows.
     _, g, k, m = products[0].slope.shape
-    information, slope, floor = np.zeros((k, k, g, m)), np.zeros((k, g, m)), np.zeros((g, m))
+    information, slope, floor = np.zeros((g, m, k, k)), np.zeros((g, m, k)), np.zeros((g, m))
+    entry, draw = np.arange(g)[:, None], np.arange(m)
     for p, at, size in zip(products, level, scatter, strict=True):
-        information += np.take_along_axis(p.gram.transpose(2, 3, 1, 0), at[None, None], 3) / size
-        slope += np.take_along_axis(p.slope.transpose(2, 0, 1, 3), at[None, None], 1)[:, 0] / size
-        floor += np.take_along_axis(p.floor.T, at, 1) / size
+        # Each entry and draw takes what its channel has at its own level.
+        information += p.gram[at, entry] / size[..., None, None]
+        slope += p.slope[at, entry, :, draw] / size[..., None]
+        floor += p.floor[at, entry] / size
     solved, ranks = solutions(
-        information.reshape(k, k, g * m).transpose(2, 0, 1),
-        floor.ravel(),
-        slope.reshape(k, g * m).T,
+        information.reshape(g * m, k, k), floor.ravel(), slope.reshape(g * m, k)
     )
-    by_entry = solved.T.reshape(k, g, m).transpose(1, 0, 2)
+    by_entry = solved.reshape(g, m, k).transpose(0, 2, 1)
     return np.ascontiguousarray(by_entry), ranks.reshape(g, m)[:, 0]
 
 
