@@ -942,6 +942,9 @@ class HelpedAnswer(Shape):
     kind: str
     """Kind of effect"""
 
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
     components: list[str]
     """On which components"""
 
@@ -1414,6 +1417,9 @@ class PlannedRivalAnswer(Shape):
 
     kind: str
     """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
 
     components: list[str]
     """On which components"""

@@ -192,7 +192,7 @@ def told_apart(seen: Sequence[PlannedEffect]) -> str:
 
     >>> from dataclasses import replace
     >>> from app.identification.plan.plan import PlannedRival
-    >>> rival = PlannedRival("other-sensor", (), (), (), 0.9, None)
+    >>> rival = PlannedRival("other-sensor", "", (), (), (), 0.9, None)
     >>> one = PlannedEffect("step", "", ("EXX",), (), (), "µm", 0.2, 0.5, rival)
     >>> told_apart([one])
     '2.5 × (other sensor)'

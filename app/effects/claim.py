@@ -6,7 +6,12 @@ do the same, their kind knows: `do_the_same` in `registry.py`.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, Protocol
+
+from pydantic import Field
+
+from app.answer import Answer
 
 
 class Named(Protocol):
@@ -31,6 +36,20 @@ class Named(Protocol):
     @property
     def states(self) -> tuple[str, ...]:
         """Which states drive it."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnsweredClaim(Answer):
+    """What names an effect in answers."""
+
+    # Text under a field describes it in the class itself alone, and not where it is inherited.
+    kind: Annotated[str, Field(description="Kind of effect", examples=["thermal-lag"])]
+    variant: Annotated[
+        str, Field(description="Which form of the kind; empty where it has one only")
+    ]
+    components: Annotated[tuple[str, ...], Field(description="On which components")]
+    sensors: Annotated[tuple[str, ...], Field(description="Driven by which sensors")]
+    states: Annotated[tuple[str, ...], Field(description="Driven by which states")]
 
 
 class Claim(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, Codes, Sensors, UnitSymbol, shown
+from app.effects.claim import AnsweredClaim
 from app.effects.effect import StoredEffect
 from app.effects.valid import LearntIn
 from app.errors import list_names
@@ -54,23 +55,8 @@ class Evidence(Answer, published_as="EvidenceAnswer"):
 
 
 @dataclass(frozen=True, slots=True)
-class Alternative(Answer, published_as="AlternativeAnswer"):
+class Alternative(AnsweredClaim, published_as="AlternativeAnswer"):
     """Another explanation of the same residuals."""
-
-    kind: Annotated[str, Field(examples=["additional-sensor"])]
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: tuple[str, ...]
-    """On which components"""
-
-    sensors: tuple[str, ...]
-    """Driven by which sensors"""
-
-    states: tuple[str, ...]
-    """Driven by which states"""
 
     evidence: float
     """Its evidence against no effect, 2 ln of the Bayes factor"""

@@ -9,6 +9,7 @@ import numpy as np
 
 from app.arrays import FloatArray, rms
 from app.effects.adopted.held import use_until
+from app.effects.claim import claim_of
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, series_text
 from app.effects.registry import explain, kind_of, separating_measurement
@@ -169,11 +170,7 @@ def _alternatives(found: FinishedSearch, term: FoundTerm) -> tuple[Alternative, 
 
 def _alternative(own: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Rival) -> Alternative:
     return Alternative(
-        kind=other.kind,
-        variant=other.variant,
-        components=other.components,
-        sensors=other.sensors,
-        states=other.states,
+        *claim_of(other),
         evidence=term.evidence - rival.behind,
         behind=rival.behind,
         alias_share=rival.alias_share,

@@ -10,25 +10,14 @@ from typing import Annotated
 from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
+from app.effects.claim import AnsweredClaim
 from app.effects.kind import NotTested
 from app.identification.residuals.residuals import LeftOut
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
+class PlannedRival(AnsweredClaim, published_as="PlannedRivalAnswer"):
     """The effect that imitates another one best."""
-
-    kind: str
-    """Kind of effect"""
-
-    components: tuple[str, ...]
-    """On which components"""
-
-    sensors: tuple[str, ...]
-    """Driven by which sensors"""
-
-    states: tuple[str, ...]
-    """Driven by which states"""
 
     overlap: float
     """Share of the effect that it can reproduce"""
@@ -38,26 +27,11 @@ class PlannedRival(Answer, published_as="PlannedRivalAnswer"):
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
+class PlannedEffect(AnsweredClaim, published_as="PlannedEffectAnswer"):
     """The smallest effect of one kind that the plan would find nine times in ten.
 
     A time constant, pitch or time of change is taken from the middle of those that are searched.
     """
-
-    kind: Annotated[str, Field(examples=["thermal-lag"])]
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: tuple[str, ...]
-    """On which components"""
-
-    sensors: tuple[str, ...]
-    """Driven by which sensors"""
-
-    states: tuple[str, ...]
-    """Driven by which states"""
 
     unit: UnitSymbol
     """Unit of its numbers"""
@@ -78,20 +52,8 @@ class PlannedEffect(Answer, published_as="PlannedEffectAnswer"):
 
 
 @dataclass(frozen=True, slots=True)
-class ImprovedEffect(Answer, published_as="HelpedAnswer"):
+class ImprovedEffect(AnsweredClaim, published_as="HelpedAnswer"):
     """What an added visit does for one effect."""
-
-    kind: str
-    """Kind of effect"""
-
-    components: tuple[str, ...]
-    """On which components"""
-
-    sensors: tuple[str, ...]
-    """Driven by which sensors"""
-
-    states: tuple[str, ...]
-    """Driven by which states"""
 
     unit: UnitSymbol
     """Unit of its numbers"""

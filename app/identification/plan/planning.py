@@ -15,6 +15,7 @@ import numpy as np
 
 from app.arrays import one_blas_thread
 from app.effects.campaign_view import CampaignView
+from app.effects.claim import claim_of
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import NotTested
 from app.effects.observations import Verification
@@ -261,11 +262,7 @@ class _DetectionLimits:
             one.distinguishable * size if np.isfinite(one.distinguishable) else None
         )
         return PlannedEffect(
-            own.kind,
-            own.variant,
-            own.components,
-            own.sensors,
-            own.states,
+            *claim_of(own),
             unit,
             one.smallest * size,
             distinguishable_rms,
@@ -277,7 +274,7 @@ class _DetectionLimits:
         own = self.hypotheses[key]
         size, unit = self._size(own)
         sizes = (before.smallest * size, after.smallest * size)
-        return ImprovedEffect(own.kind, own.components, own.sensors, own.states, unit, *sizes)
+        return ImprovedEffect(*claim_of(own), unit, *sizes)
 
     def _size(self, hypothesis: Hypothesis) -> tuple[float, str]:
         """Give the repeatability of the component's own channel, or of points, and its unit."""
@@ -291,10 +288,7 @@ class _DetectionLimits:
             return None
         rival = self.hypotheses[one.rival]
         return PlannedRival(
-            rival.kind,
-            rival.components,
-            rival.sensors,
-            rival.states,
+            *claim_of(rival),
             one.overlap or 0.0,
             separating_measurement(own, rival) if (one.overlap or 0.0) > ALIKE else None,
         )
