@@ -14,6 +14,7 @@ from app.effects.shape import Everywhere
 from app.effects.term import Term
 from app.errors import InvalidContent
 from app.identification.campaign import Campaign
+from app.identification.plan.added_visits import choose_added_visits
 from app.identification.plan.plan import Plan
 from app.identification.plan.planning import plan
 from app.thermal.temperature_history import TemperatureHistory
@@ -80,6 +81,17 @@ def test_a_visit_to_add_is_suggested_and_helps(planned):
         assert (suggestion.like_time.year, suggestion.like_time.month) == (2026, 3)
         assert suggestion.like_time.utcoffset() == timedelta(0)
     assert planned.suggestions
+
+
+@pytest.mark.parametrize("steady_c", [19.7, 20.1, 21.3])
+def test_a_sensor_that_never_changes_decides_nothing(steady_c):
+    """Rounding gave the mean of equal readings a spread in one sum, and none in another."""
+    history, _ = readings()
+    read = {**history.temperatures_c, "spindle": np.full(len(history.times_s), steady_c)}
+    steady = TemperatureHistory(history.times_s, read)
+    added = choose_added_visits(campaign_of(observations(visits_a_day=2), readings=steady))
+    assert added
+    assert all("spindle" not in one.words for one in added)
 
 
 def test_it_can_be_stored(planned):

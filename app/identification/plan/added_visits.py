@@ -99,7 +99,8 @@ def conditions_at(campaign: Campaign, times_s: FloatArray) -> Conditions:
 def _features(there: Conditions, planned: int) -> tuple[list[str], FloatArray]:
     """Standardise everything that changes, by its mean over the plan and its spread in all."""
     everything = {**there.temperatures_c, **there.states}
-    names = [n for n, x in everything.items() if np.nanstd(x) > 0]
+    # By its ends: rounding may give what never changes a spread.
+    names = [n for n, x in everything.items() if np.fmin.reduce(x) < np.fmax.reduce(x)]
     if not names:
         return [], np.zeros((len(there), 0))
     columns = np.column_stack([everything[n] for n in names])
