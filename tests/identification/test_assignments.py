@@ -144,7 +144,8 @@ def tried(component, sensor, why_not=None):
     return TriedAssignment(component, "TC06", sensor, (), "µm", False, 28, *sizes, why_not, words)
 
 
-def test_a_proposal_is_said_before_effects_and_holds_them_back():
+def test_a_proposal_is_said_before_effects_which_may_serve_until_then():
+    """They end with the assignment (`tests/effects/test_carry_over.py`)."""
     answer = RESULTS.read(FOUND)
     (lag,) = answer.effects
     assert lag.helps
@@ -152,21 +153,9 @@ def test_a_proposal_is_said_before_effects_and_holds_them_back():
     assert first.summary == f"EZZ over TC07. {answer.summary}"
     assert "`thermap sensors assign EZZ=TC07 --machine vmc`" in first.what_next[0]
     assert first.what_next[1:] == answer.what_next
-    (held,) = first.effects
-    assert not held.helps
-    assert "another sensor is proposed for EZZ" in held.why_not
+    assert first.effects == answer.effects
     assert [one.component for one in first.proposals] == ["EZZ"]
     assert RESULTS.read_text(RESULTS.text(first)).assignments == first.assignments
-
-
-@pytest.mark.parametrize(("other", "helps"), [("TC07", True), ("TC03", True), ("TC01", False)])
-def test_an_effect_that_does_what_is_proposed_may_serve_until_then(other, helps):
-    answer = RESULTS.read(FOUND)
-    share = stored_effect("other-sensor", ["EZZ"], {"share": 1.0}, {}, sensors=["TC06", other])
-    found = replace(answer.effects[0], effect=effect_from_json(share))
-    proposal = replace(tried("EZZ", "TC07"), as_good=("TC03",))
-    (one,) = said_first(replace(answer, effects=(found,)), [proposal], "vmc").effects
-    assert one.helps == helps
 
 
 def test_without_a_proposal_nothing_else_changes():

@@ -19,14 +19,12 @@ other components are judged.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from app.arrays import rms
-from app.effects.kind import AsOtherSensor
-from app.effects.registry import kind_of
 from app.errors import list_names
 from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis, TriedAssignment
@@ -45,7 +43,6 @@ from app.identification.analysis.assignment_trials import (
     rows_of_figures,
     unit_of_figures,
 )
-from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
 from app.identification.residuals.residuals import Residuals
@@ -91,48 +88,25 @@ def judge_assignments(campaign: Campaign, residuals: Residuals) -> tuple[TriedAs
 def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: str) -> Analysis:
     """Set the proposals before everything else that an analysis says.
 
-    An effect on a component for which another sensor is proposed was found on top of the wrong
-    tables: nobody can say that it helps on the right ones. Only `other-sensor` with that sensor
-    does what the assignment would do, and may serve until then.
+    What was adopted with the present sensor ends where the assignment changes
+    (`app.effects.adopted.carry_over`), so that it may serve until then.
     """
     proposals = [one for one in tried if one.proposed_sensor]
     answer = replace(answer, assignments=tuple(tried))
     if not proposals:
         return answer
-    moved = {one.component: (one.proposed_sensor, *one.as_good) for one in proposals}
     pairs = [f"{one.component}={one.proposed_sensor}" for one in proposals]
     words = " ".join(f'"{pair}"' if " " in pair else pair for pair in pairs)  # for a shell
     what = (
         f"Change the sensor assignment first: `thermap sensors assign {words} --machine "
         f"{machine_id}` makes the next model version. Then analyse again, because effects of "
         f"{list_names([one.component for one in proposals], 4)} were looked for with the present "
-        "assignment."
+        "assignment, and adopted ones that follow a sensor end with it."
     )
     return replace(
         answer,
         summary=" ".join([*(f"{one.sentence}." for one in proposals), answer.summary]),
-        effects=tuple(
-            replace(
-                effect,
-                helps=False,
-                why_not="another sensor is proposed for "
-                f"{list_names([code for code in effect.components if code in moved], 4)}: "
-                "change the assignment first, and analyse again",
-            )
-            if effect.helps
-            and not moved.keys().isdisjoint(effect.components)
-            and not _does_the_same(effect, moved)
-            else effect
-            for effect in answer.effects
-        ),
         what_next=(what, *answer.what_next),
-    )
-
-
-def _does_the_same(effect: FoundEffect, proposed: Mapping[str, Sequence[str | None]]) -> bool:
-    """Whether an effect reads the maps by the sensors that are proposed, and does nothing else."""
-    return kind_of(effect.kind).as_other_sensor is AsOtherSensor.SAME and all(
-        effect.sensors[-1] in proposed.get(code, ()) for code in effect.components
     )
 
 
