@@ -8,17 +8,15 @@ import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
-from app.effects.flexible import OVER_TIME
 from app.effects.kind import OverTime
 from app.effects.kinds.step import Step
 from app.effects.observations import Observation, Verification, observation_rows
 from app.effects.registry import KINDS, kind_of
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.decide import (
-    AS_SLOW_AS_CAN_BE,
     BESIDE_A_MISTAKE,
     BESIDE_A_WALK,
-    BY_THE_TABLES_ALONE,
+    BY_ITS_NAME_ALONE,
     OF_A_WALK,
     OF_ALIKE_SET_UPS,
     OF_EITHER,
@@ -364,26 +362,6 @@ def test_a_new_kind_is_judged_by_what_it_says_of_itself(monkeypatch, over_time, 
 
 
 @pytest.mark.parametrize(
-    ("came_or_went", "doubts", "helps"),
-    [
-        ("went", (OVER_TIME,), False),
-        ("came", (OVER_TIME,), True),  # twice as large now: half of it is better than nothing
-        ("went", (), True),  # that it changed is what says that the last set-ups count
-    ],
-)
-def test_what_the_last_set_ups_do_not_show_any_more_is_not_adopted(came_or_went, doubts, helps):
-    rows = campaign()
-    swing = swinging(rows, 4.0)
-    early = rows.visit < VISITS // 2
-    true = swing * (early if came_or_went == "went" else ~early)
-    told = term(Slope(0.9, 0.1, 100.0), status=Status.SUSPECTED, doubts=doubts)
-    # What each visit by itself makes of it is another question.
-    (one,) = judged(true, 0.5 * swing, terms=(told,), predicted=0.01 * true)
-    assert one.helps is helps
-    assert helps or "the last set-ups show " in one.why_not
-
-
-@pytest.mark.parametrize(
     ("variant", "components", "as_a_step"),
     [("bias", ("EXX",), True), ("bias", ("EXX", "EYY"), False), ("stuck", ("EXX",), False)],
 )
@@ -465,39 +443,33 @@ def test_zeros_of_set_ups_hide_what_an_effect_does_at_all_positions_alike(level,
 
 
 @pytest.mark.parametrize(
-    ("kind", "share", "components", "hidden", "helps"),
+    ("kind", "share", "components", "hidden", "status", "helps"),
     [
-        ("other-sensor", 0.49, ("EXX",), 0.9, False),
-        ("other-sensor", 1.3, ("EXX",), 0.9, False),
-        ("other-sensor", 0.9, ("EXX",), 0.9, True),
-        ("other-sensor", 0.49, ("EXX",), 0.3, True),
-        ("other-sensor", 0.49, ("EXX", "EYX"), 0.9, True),
-        ("thermal-lag", 0.49, ("EXX",), 0.9, True),
+        ("other-sensor", 0.49, ("EXX",), 0.9, Status.CONFIRMED, False),
+        ("other-sensor", 1.3, ("EXX",), 0.9, Status.CONFIRMED, False),
+        ("other-sensor", 0.9, ("EXX",), 0.9, Status.CONFIRMED, True),
+        ("other-sensor", 0.49, ("EXX",), 0.3, Status.CONFIRMED, True),
+        ("other-sensor", 0.49, ("EXX", "EYX"), 0.9, Status.CONFIRMED, True),
+        ("thermal-lag", 0.49, ("EXX",), 0.9, Status.CONFIRMED, True),
+        ("thermal-lag", 0.49, ("EXX",), 0.9, Status.SUSPECTED, False),
+        ("thermal-lag", 0.49, ("EXX",), 0.3, Status.SUSPECTED, True),
     ],
 )
-def test_a_part_of_a_table_that_set_ups_mostly_hide_may_only_resemble_it(
-    kind, share, components, hidden, helps
+def test_what_set_ups_mostly_hide_is_as_sure_as_its_name(
+    kind, share, components, hidden, status, helps
 ):
     right = swinging(campaign())
     said = judgement(
         *(right, right),
         kinds=(kind,),
+        terms=(term(status=status),),
         share=share,
         components=components,
         hidden=hidden,
     )
     (one,) = said.helps
-    assert one == (True, None) if helps else is_refused(one, BY_THE_TABLES_ALONE)
+    assert one == (True, None) if helps else is_refused(one, BY_ITS_NAME_ALONE)
     assert said.unsure == (set() if helps else {0})
-
-
-def test_what_is_as_late_as_can_be_tried_is_not_adopted_beside_what_nobody_knows():
-    right = swinging(campaign())
-    for left, is_slowest in (((), True), ((0,), False), ((1,), True)):
-        (one,) = judged(right, right, kinds=("state-variable",), left=left, is_slowest=is_slowest)
-        assert one == (True, None)
-    (one,) = judged(right, right, kinds=("state-variable",), left=(0,), is_slowest=True)
-    assert is_refused(one, AS_SLOW_AS_CAN_BE)
 
 
 @pytest.mark.parametrize("is_slowest", [False, True])
@@ -732,3 +704,19 @@ def test_maps_say_when_they_were_measured(maps_at, helps):
     (one,) = found.effects
     assert (one.kind, one.helps) == ("outdated-map", helps)
     assert any("other hours of the day" in words for words in found.what_next)
+
+
+@pytest.mark.slow
+def test_what_set_ups_mostly_hide_is_not_adopted_where_it_stands_for_something_else():
+    """A load that moves a straightness by the warmth is called a squareness that moves by the load.
+
+    Zeroed at the first observation, visits hide nine tenths of its squares: adopted, what points
+    are off by later rose from 1.03 to 2.13 µm.
+    """
+    made = make_campaign(*(70403, "interaction", 2.0), visits=20, datum="first", later_visits=20)
+    found = analyse(
+        campaign_of_bodies(made.machine, made.error_maps, made.readings, made.verifications)
+    )
+    (one,) = found.effects
+    assert (one.kind, one.components, one.helps) == ("state-variable", ("SXY",), False)
+    assert one.why_not.startswith(BY_ITS_NAME_ALONE)

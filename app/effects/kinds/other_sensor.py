@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from app.effects.kind import (
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.effects.words import components, parameter, verb
+
+NOT_WHOLE: Final = 3.0
+"""Standard errors from which a share is not 1."""
 
 
 class OtherSensor(EffectKind):
@@ -84,6 +87,20 @@ class OtherSensor(EffectKind):
             )
         follow = verb(effect.components, "follows", "follow")
         return f"{components(effect)} {follow} {other} rather than {own} (share {share})"
+
+    def doubt(self, effect: Effect) -> str:
+        """What follows another sensor does so as a whole.
+
+        That several components do so by one share, although their tables differ, is no chance.
+        """
+        share = effect.parameters.get("share", 1.0)
+        error = effect.standard_errors.get("share", 0.0)
+        if len(effect.components) > 1 or abs(share - 1.0) <= NOT_WHOLE * error:
+            return ""
+        return (
+            f"with a share of {share:.2g}, which is not 1, {effect.components[0]} follows neither "
+            "sensor: something else may resemble what its tables say"
+        )
 
 
 def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothesis:

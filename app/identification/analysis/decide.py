@@ -1,13 +1,12 @@
 """What is adopted unasked: what leaves least to be expected later, over all that may be true.
 
 Beside an effect as it was found there are other worlds that these observations leave open: what
-ties with it, an instrument, a mistake that is to be corrected, a size that has changed. What a
-world says of the table is one number, the share of the correction that it would need later: where
-that is s, the correction c changes what is left there from s² c² to (s − 1)² c², by (1 − 2 s) c².
-So worlds that say the same of the table need not be told apart, and how sure the effect's name is
-decides nothing. Every world counts by how probable it is, harm counts twice, and what leaves less
-is adopted, as far as set-ups that were held out get smaller by what is adopted together, and none
-of them markedly larger.
+ties with it, an instrument, a mistake that is to be corrected. What a world says of the table is
+one number, the share of the correction that it would need later: where that is s, the correction c
+changes what is left there from s² c² to (s − 1)² c², by (1 − 2 s) c². So worlds that say the same
+of the table need not be told apart, and how sure the effect's name is decides nothing. Every world
+counts by how probable it is, harm counts twice, and what leaves less is adopted, as far as set-ups
+that were held out get smaller by what is adopted together, and none of them markedly larger.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ from scipy.stats import norm
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.effect import Effect
-from app.effects.flexible import OVER_TIME
-from app.effects.kind import AsOtherSensor, Shakes
+from app.effects.kind import Shakes
 from app.effects.registry import kind_of
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.held_out_visits import (
@@ -32,7 +30,6 @@ from app.identification.analysis.held_out_visits import (
     worse_words,
 )
 from app.identification.analysis.shown_by_few import (
-    ITSELF,
     is_of_few_places,
     is_of_one_hour,
     is_of_one_setup,
@@ -45,9 +42,6 @@ from app.search.validation import ABOVE_ZERO
 TRUST: Final = 0.5
 """Power of a likelihood ratio of two explanations: a model that is a little wrong tells as much
 less than it seems to (Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113)."""
-
-LAST: Final = 0.25
-"""Share of the set-ups that are the last ones."""
 
 OF_EITHER: Final = (
     "only one set-up shows it, so it may come from the machine or from the instrument in "
@@ -65,10 +59,6 @@ BESIDE_WHAT_NOBODY_KNOWS: Final = (
     "something unexplained remains where it acts and may undo this change later, so nobody knows "
     "whether it lasts"
 )
-AS_SLOW_AS_CAN_BE: Final = (
-    "its time constant is the longest that was tried, and something unexplained remains where it "
-    "acts: anything that changes about as slowly as the visits follow each other can look like it"
-)
 OF_ALIKE_SET_UPS: Final = (
     "these set-ups resemble each other, so what they have in common may be the instrument's or its "
     "mounting's and not the machine's"
@@ -77,10 +67,10 @@ OF_ONE_HOUR: Final = (
     "all visits were at one hour of the day and its maps at others, so it may go with the hour: "
     "measure at another hour too"
 )
-BY_THE_TABLES_ALONE: Final = (
-    "its share is not 1, and what it does at all positions alike follows from the tables alone, "
-    "because set-ups have zeros of their own: whatever resembles the tables along the axis would "
-    "look the same; measure one position with the datum `absolute`, cold and hot"
+BY_ITS_NAME_ALONE: Final = (
+    "nobody is sure of its name, and what it does at all positions alike follows from that alone, "
+    "because set-ups have zeros of their own: measure one position with the datum `absolute`, "
+    "cold and hot"
 )
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
@@ -312,17 +302,14 @@ def _worlds(found: FinishedSearch, effects: Sequence[Effect], number: int) -> It
     kind = kind_of(effect.kind)
     tied = {kind_of(rival.family).never_sure for rival in term.rivals if rival.tied}
     yield from (World(0.0, words) for words in sorted(filter(None, tied)))
-    # What only differs in shape from what was found, is of the same cause as it.
-    is_open = found.is_unexplained_at(term.channels, besides=FLEXIBLE)
     if kind.may_be_instruments(effect):
         if is_of_one_setup(found, effect):
             yield World(0.0, OF_EITHER)
         if WALKS in term.doubts:
             yield World(0.0, OF_A_WALK)
-        if is_open:
+        # What only differs in shape from what was found, is of the same cause as it.
+        if found.is_unexplained_at(term.channels, besides=FLEXIBLE):
             yield World(0.0, BESIDE_WHAT_NOBODY_KNOWS)
-    elif is_open and found.is_slowest(term):
-        yield World(0.0, AS_SLOW_AS_CAN_BE)
     if ALIKE in term.doubts:
         yield World(0.0, OF_ALIKE_SET_UPS)
     if kind.constant:
@@ -330,10 +317,9 @@ def _worlds(found: FinishedSearch, effects: Sequence[Effect], number: int) -> It
             yield World(0.0, BESIDE_A_WALK)
         if is_of_one_hour(found, effect, term):
             yield World(0.0, OF_ONE_HOUR)
-    if _is_part_of_a_table(effect):
-        yield World(1.0 - found.hidden_share(effect), BY_THE_TABLES_ALONE)
-    if OVER_TIME in term.doubts:
-        yield from _of_last_setups(found, effects, number)
+    unseen = World(1.0 - found.hidden_share(effect), BY_ITS_NAME_ALONE)
+    if unseen.change > 0.0 and not found.is_name_sure(effect, term):
+        yield unseen
     if words := _beside_a_mistake(found, effects, number):
         yield World(0.0, words)
 
@@ -374,21 +360,6 @@ def _instead(found: FinishedSearch, rival: Rival, own: FloatArray) -> FloatArray
     return other
 
 
-def _of_last_setups(
-    found: FinishedSearch, effects: Sequence[Effect], number: int
-) -> Iterator[World]:
-    """Say how much of what changes with time is still there, where that is surely not all."""
-    acts = found.use & np.isin(found.rows.channel, found.findings.terms[number].channels)
-    setups = np.unique(found.rows.visit[acts])
-    last = np.isin(found.rows.visit, setups[-max(round(LAST * len(setups)), 1) :])
-    own = found.explained(effects[number])
-    left = found.rows.values + own - sum(found.explained(other) for other in effects)
-    share, error = _share_shown(found, own, left, acts & last)
-    if 1.0 - share > ITSELF * error:
-        words = f"the last set-ups show {share:.2f} ± {error:.2f} of what it predicts"
-        yield World(share, f"its size changes over time, and {words}", error)
-
-
 def _share_shown(
     found: FinishedSearch, own: FloatArray, left: FloatArray, rows: BoolArray
 ) -> tuple[float, float]:
@@ -416,18 +387,6 @@ def _share_shown(
     apart = np.bincount(visit, weights=(weights * (shown - share * claimed))[claimed != 0.0])
     between = float(apart @ apart) * apart.size / max(apart.size - 1, 1)
     return share, float(np.sqrt(max(variance, between))) / size
-
-
-def _is_part_of_a_table(effect: Effect) -> bool:
-    """Whether a part of one component's table is said to follow another sensor.
-
-    That all of it does, would be a strange chance were it not so. Several components have tables
-    that differ, and one share of them all is no chance either.
-    """
-    if kind_of(effect.kind).as_other_sensor is not AsOtherSensor.SAME or len(effect.components) > 1:
-        return False
-    share, error = effect.parameters.get("share", 1.0), effect.standard_errors.get("share", 0.0)
-    return abs(share - 1.0) > ITSELF * error
 
 
 def _beside_a_mistake(found: FinishedSearch, effects: Sequence[Effect], number: int) -> str:
