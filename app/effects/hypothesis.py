@@ -18,7 +18,7 @@ from app.effects.projection import Projection
 from app.effects.shape import Sensitivity
 from app.effects.supposition import Supposed
 from app.effects.term import Term
-from app.search.candidate import Candidate, Expected, Flexible, Layout, Part, Traits
+from app.search.candidate import Candidate, Expected, Flexible, Form, Layout, Part, Traits
 from app.units import SECONDS_PER_MIN
 
 Amplitudes: TypeAlias = Sequence[Sequence[Term]]
@@ -184,6 +184,7 @@ class Hypothesis(Traits):
             else Layout(self.components, self.unit_terms, projection.parts),
             about=partial(self._about, projection) if self._is_bent else None,
             flexible=None if self.supposed else partial(self._flexible, projection),
+            forms=partial(self._other_forms, projection),
             apart=self._apart(projection) if self.apart else None,
             follows={
                 f"{code} {sensor}": sign
@@ -217,10 +218,16 @@ class Hypothesis(Traits):
 
         return Candidate(f"{self.key} apart", self.kind, columns)
 
+    def _other_forms(self, projection: Projection) -> list[Form]:
+        words = f"it responds {IN_SERIES}"
+        return [Form(words, form.candidate(projection)) for form in self.forms]
+
     @property
     def forms(self) -> tuple[Hypothesis, ...]:
         """The same cause with another course: of what is late, late by two lags in series."""
         if self.nonlinear is None or not self.nonlinear.is_time or self.supposed is not None:
+            return ()
+        if self.variant.endswith(IN_SERIES):  # it is one
             return ()
         variant = f"{self.variant}, {IN_SERIES}".removeprefix(", ")
         return (replace(self, variant=variant, unit_terms=partial(_in_series, self.unit_terms)),)

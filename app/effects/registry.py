@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.claim import Claim, Named, claim_of
 from app.effects.effect import Effect
-from app.effects.hypothesis import IN_SERIES, Hypothesis
+from app.effects.hypothesis import Hypothesis
 from app.effects.kind import EffectKind, NotTested
 from app.effects.kinds.additional_sensor import AdditionalSensor
 from app.effects.kinds.ageing_sensor import AgeingSensor
@@ -38,9 +38,8 @@ from app.effects.kinds.temperature_curvature import TemperatureCurvature
 from app.effects.kinds.thermal_lag import ThermalLag
 from app.effects.kinds.tool_length import ToolLength
 from app.effects.kinds.wrong_map import WrongMap
-from app.effects.projection import Projection
 from app.errors import InvalidContent, list_names
-from app.search.candidate import Candidate, Form
+from app.search.candidate import Candidate
 
 KINDS: Final[dict[str, EffectKind]] = {
     kind.kind: kind
@@ -114,14 +113,8 @@ def repertoire(view: CampaignView, kinds: Sequence[str] | None = None) -> Repert
         proposals = kind_of(name).candidates(view)
         hypotheses.update({h.key: h for h in proposals.hypotheses})
         not_testable.extend(proposals.not_testable)
-    candidates = [_candidate(h, view.projection) for h in hypotheses.values()]
+    candidates = [h.candidate(view.projection) for h in hypotheses.values()]
     return Repertoire(hypotheses, candidates, not_testable)
-
-
-def _candidate(hypothesis: Hypothesis, projection: Projection) -> Candidate:
-    words = f"it responds {IN_SERIES}"
-    forms = tuple(Form(words, f.candidate(projection)) for f in hypothesis.forms)
-    return replace(hypothesis.candidate(projection), forms=forms)
 
 
 def kind_of(name: str) -> EffectKind:

@@ -175,8 +175,8 @@ class Candidate(Traits):
         Gives, for a value of the nonlinear parameter, what would be added if the candidate were
         only roughly right; None: it is not known.
     forms
-        The same cause with another course in time and as many parameters: never chosen itself,
-        but compared with the candidate where that is chosen.
+        Gives the same cause with another course in time and as many parameters: never chosen
+        itself, but compared with the candidate where that is chosen.
     apart
         Of a candidate that claims one amplitude for several places: the same with an amplitude for
         each place. Nothing of its family is chosen where these explain more, their extra
@@ -197,7 +197,7 @@ class Candidate(Traits):
     layout: Layout | None = None
     about: Callable[[float | None, float], Sequence[Part]] | None = None
     flexible: Callable[[float | None], Sequence[Flexible]] | None = None
-    forms: tuple[Form, ...] = ()
+    forms: Callable[[], Sequence[Form]] = tuple
     apart: Candidate | None = None
     follows: Mapping[str, int] = field(default_factory=dict)
 

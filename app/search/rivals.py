@@ -109,7 +109,7 @@ def _may_both_be_zeros(term: Term, rival: Term) -> bool:
 
 def better_forms(term: Term, rivals: Sequence[tuple[Rival, Term]]) -> tuple[str, ...]:
     """Say which forms of a term the values prefer to it as clearly as they tell any two apart."""
-    words = {form.candidate.key: form.words for form in term.candidate.forms}
+    words = {form.candidate.key: form.words for form in term.candidate.forms()}
     return tuple(
         words[rival.key]
         for rival, _ in rivals
@@ -121,7 +121,7 @@ def _forms(selector: Selector, term: Term, others: Sequence[Term]) -> list[tuple
     """Hold a term's other forms beside it; they have as many parameters as the term itself."""
     found = []
     level = selector.fit([*others, term]).log_likelihood
-    for form in term.candidate.forms:
+    for form in term.candidate.forms():
         made = [selector.library.problem.term(form.candidate, t) for t in form.candidate.thetas]
         best = max(made, key=lambda t: selector.fit([*others, t]).log_likelihood)
         rival = selector.refined(best, others)

@@ -103,7 +103,7 @@ def test_another_form_of_the_same_cause_is_a_tie_until_the_values_tell(bend, sha
 
     itself = single(campaign, "late", "late", 0, lambda _: late(0.0))
     other = single(campaign, "late in turn", "late", 0, lambda _: late(1.0))
-    candidate = replace(itself, forms=(Form("it is late in turn", other),))
+    candidate = replace(itself, forms=lambda: [Form("it is late in turn", other)])
     found = campaign.plus(6.0 * late(share) * campaign.on(0))
     (term,) = search(found.rows, (), [candidate], holdout_fraction=0.3, seed=1).terms
     assert term.key == "late"
