@@ -146,6 +146,8 @@ class DrawnNoise:
         own = np.maximum(shares, NOTHING_SEEN)
         found = np.empty(shares.shape)
         for level, squares in enumerate(self.of_levels):
+            # By chance an entry takes χ²₁ of the squares where the noise comes from this set, and
+            # of what other sets leave in proportion.
             added = (own / own[level])[:, :, None] * by_chance
             left = squares.T[:, None]
             rise = self.state.largest(left) - self.state.largest(left + added)
@@ -273,6 +275,8 @@ class _Visible:
             state = noise[c].state
             best = int(np.argmax(state.null))
             total = total + gram[best] / float(state.scatter(state.rss[best]))
+        # Amplitudes a of any direction with a'(Σ G/σ²)a = 1 have, on average, aa' = (Σ G/σ²)⁻¹/k;
+        # at set l they add a'G_l a = tr((Σ G/σ²)⁻¹ G_l)/k to the squares.
         back = inverse(total)
         size = total.shape[-1]
         shares = {c: np.einsum("gij,lgji->lg", back, gram) / size for c, gram in grams.items()}

@@ -232,6 +232,8 @@ def _products(library: Library, base: BaseGrams, number: int, target: Target) ->
     if with_given is not None:
         with_nuisance = np.hstack([with_nuisance, with_given])
         gram = gram - _taken(target, reduced, with_nuisance, k)
+    # X'V⁻¹y = X'y − (Z'X)'w − (J'X)'v (`Target`), all levels and draws side by side: two large
+    # products, after which what differs between levels is only how their columns are read.
     taken = reduced.T @ target.on_visits
     taken += with_nuisance @ target.on_nuisance
     count = len(target.levels)
@@ -276,6 +278,7 @@ def _alone(products: _Products) -> tuple[FloatArray, FloatArray]:
     root, ranks = inverse_roots(products.gram.reshape(-1, k, k), products.floor.ravel())
     back = root.transpose(0, 2, 1).reshape(levels, g, k, k)
     best = np.empty((g, m))
+    # The best amplitudes G⁻¹s leave y'V⁻¹y − s'G⁻¹s of the squares: with G⁻¹ = W W' that is |W's|².
     for part in _portions(g, levels * k * m):
         taken = back[:, part] @ products.slope[:, part]
         squares = target.squares[:, None] - np.einsum("lgkm,lgkm->lgm", taken, taken)
@@ -343,6 +346,7 @@ def _squares(p: _Products, amplitudes: FloatArray) -> Iterator[tuple[slice, Floa
     """Give the squares that are left in one channel, shape (l, g, m), a part of the g at a time."""
     levels, g, k, m = p.slope.shape
     for part in _portions(g, levels * k * m):
+        # Of any amplitudes, not each level's best: y'V⁻¹y − 2 a's + a'G a = y'V⁻¹y + a'(G a − 2 s).
         a = amplitudes[part]
         pull = p.gram[:, part] @ a
         pull -= 2.0 * p.slope[:, part]

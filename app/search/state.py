@@ -127,6 +127,9 @@ class Levels:
         visits, nuisance : ndarray, shape (l, g, k, k)
             Products of the shadow's two parts with themselves, entry by entry.
         """
+        # With T = F Z'J and R R' = J'J + prior − T'T, by blockwise elimination of set-ups, then
+        # nuisance: shadow(X) = [F Z'X; R⁻¹(J'X − T'F Z'X)]. Its second part is linear in J'X and
+        # Z'X, so all levels are one product with what stands before these.
         levels, p, _ = self.inverse_root.shape
         columns = with_nuisance.shape[1]
         by_visits = self.whitening.turn(reduced)
