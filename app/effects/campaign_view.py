@@ -40,13 +40,13 @@ OWN_ZEROS: Final = (
 )
 """Why something that lasts cannot be tested."""
 
-SAME: Final = 1e-9
+CONSTANT_WITHIN: Final = 1e-9
 """A shape is constant where it changes by less than such a share of itself."""
 
-CHANGES: Final = 0.05
+LEAST_SCATTER: Final = 0.05
 """Share of its size by which a driver must scatter about its mean to be told from a constant."""
 
-CLEARLY: Final = 3.0
+MOST_RESOLUTIONS: Final = 3.0
 """A temperature varies where its range is above so many of the sensor's resolutions."""
 
 
@@ -135,7 +135,7 @@ class CampaignView:
         """
         own = signal[self.projection.view(code).rows]
         own = own[~np.isnan(own)]
-        return bool(own.size) and bool(np.var(own) > CHANGES**2 * np.mean(own**2))
+        return bool(own.size) and bool(np.var(own) > LEAST_SCATTER**2 * np.mean(own**2))
 
     @cached_property
     def _has_own_zero(self) -> BoolArray:
@@ -268,7 +268,8 @@ class CampaignView:
         return [
             shape
             for shape, column in zip(shapes, np.nan_to_num(columns[rows]).T, strict=True)
-            if np.abs(deviations(column, zero.ravel())).max() > SAME * np.abs(column).max()
+            if np.abs(deviations(column, zero.ravel())).max()
+            > CONSTANT_WITHIN * np.abs(column).max()
         ]
 
     def has_comparable_slope(self, codes: Sequence[str]) -> bool:
@@ -283,7 +284,7 @@ class CampaignView:
 
     def _clearly(self, sensor: str) -> float:
         known = self.machine.sensors.get(sensor)
-        return CLEARLY * known.resolution_c if known else 0.0
+        return MOST_RESOLUTIONS * known.resolution_c if known else 0.0
 
 
 def beyond_maps(

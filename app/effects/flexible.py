@@ -24,10 +24,10 @@ from app.search.candidate import OFFSET, Flexible
 Weight: TypeAlias = Callable[[Term, View], FloatArray]
 """Gives for a term the factors, shape (m,), of the rows in which it shows."""
 
-ALONG: Final = 3
+POWERS_ALONG: Final = 3
 """Powers of the position along the axis."""
 
-WAVES: Final = 4
+TIME_WAVES: Final = 4
 """Cosines over the time of the campaign: half a period, one, one and a half, two."""
 
 STRETCHES: Final = 24
@@ -112,7 +112,7 @@ def _lively(columns: FloatArray) -> FloatArray:
 
 
 def _powers() -> list[Weight]:
-    return [partial(_power, m) for m in range(1, ALONG + 1)]
+    return [partial(_power, m) for m in range(1, POWERS_ALONG + 1)]
 
 
 def _power(exponent: int, _: Term, view: View) -> FloatArray:
@@ -175,7 +175,7 @@ def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray
 def _waves(projection: Projection) -> list[Weight]:
     times_s = projection.conditions.times_s
     began_s, lasted_s = float(times_s.min()), float(np.ptp(times_s)) or 1.0
-    return [partial(_wave, began_s, lasted_s / k) for k in range(1, WAVES + 1)]
+    return [partial(_wave, began_s, lasted_s / k) for k in range(1, TIME_WAVES + 1)]
 
 
 def _wave(began_s: float, half_period_s: float, _: Term, view: View) -> FloatArray:

@@ -19,7 +19,7 @@ from app.effects.observations import ObservationRows, Verification
 from app.errors import counted
 from app.search.rows import Datum
 
-BY_CHANCE: Final = 0.01
+ZEROS_BY_CHANCE: Final = 0.01
 """Probability by which so many first values are 0 though the zero is absolute."""
 
 
@@ -46,7 +46,7 @@ def with_true_zeros(rows: ObservationRows) -> ObservationRows:
     here = np.isin(rows.verification, zeroed_at_first)
     firsts, later = np.count_nonzero(here & is_first), here & ~is_first
     chance = (np.count_nonzero(is_zero[later]) + 1.0) / (np.count_nonzero(later) + 2.0)
-    if not 0 < firsts <= np.count_nonzero(later) or chance**firsts > BY_CHANCE:
+    if not 0 < firsts <= np.count_nonzero(later) or chance**firsts > ZEROS_BY_CHANCE:
         return rows
     verifications = list(rows.verifications)
     for number in zeroed_at_first:

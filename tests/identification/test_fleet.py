@@ -10,8 +10,8 @@ import pytest
 from app.effects.effect import Effect
 from app.effects.registry import KINDS
 from app.identification.analysis.tried_effect import (
-    CHANCE,
-    HALF,
+    LEAST_SHARE,
+    MISTAKEN,
     TriedEffect,
     _judged,
     _Shown,
@@ -147,7 +147,7 @@ def test_shares_of_a_given_effect_are_told_apart():
     assert judged(*observations(0.0, 2), 1).verdict == "no"
     lost = judged(*observations(1.0, 3, scatter=20.0), 1)
     assert lost.verdict == "cannot-be-told"
-    assert lost.share_interval[0] < 0.0 < HALF < lost.share_interval[1]
+    assert lost.share_interval[0] < 0.0 < LEAST_SHARE < lost.share_interval[1]
     few = judged(*observations(1.0, 4, setups=7), 1)
     assert (few.verdict, few.share_interval) == ("cannot-be-told", None)
 
@@ -173,8 +173,8 @@ def test_who_does_not_have_it_is_hardly_ever_said_to_have_it(together):
         judged(*observations(0.0, 1000 + i, scatter=1.5), together).verdict == "yes"
         for i in range(count)
     )
-    # The chance of one trial is CHANCE / 2 / together; three standard deviations are allowed.
-    expected = count * CHANCE / 2.0 / together
+    # The chance of one trial is MISTAKEN / 2 / together; three standard deviations are allowed.
+    expected = count * MISTAKEN / 2.0 / together
     assert wrong <= expected + 3.0 * np.sqrt(expected) + 1.0
 
 

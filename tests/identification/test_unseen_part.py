@@ -8,7 +8,7 @@ from app.arrays import rms
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.found_effects import HARDLY_SEEN
-from app.identification.analysis.unseen_part import EXPECTED, with_expected
+from app.identification.analysis.unseen_part import HIDDEN_SIZE, with_expected
 from app.identification.campaign import residuals_of
 from app.search.candidate import Part
 from app.search.rows import Datum, Rows
@@ -47,7 +47,7 @@ def expected(amplitudes, errors, datum=Datum.FREE, absolute=(), kept=(0, 1)):
 def test_a_hidden_level_that_nobody_knows_is_no_larger_than_expected(datum):
     found = expected([-9.0, 1.0], [4.0, 0.02], datum)
     # What is seen are the deviations from each visit's mean, what is hidden are the means.
-    prior = EXPECTED * np.sqrt(np.mean(ALONG**2))
+    prior = HIDDEN_SIZE * np.sqrt(np.mean(ALONG**2))
     share = prior**2 / (prior**2 + 4.0**2)
     np.testing.assert_allclose(found.amplitudes, [-9.0 * share, 1.0])
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), [4.0 * np.sqrt(share), 0.02])
@@ -92,7 +92,7 @@ def test_amplitudes_that_go_together_move_together():
     level, rise = np.full(4, np.sqrt(3.0 / 4.0)), np.array([0.5, -0.5, 0.5, -0.5])
     parts = [Part(0, np.arange(4), np.column_stack([level, rise]))]
     found = with_expected(amplitudes, covariance, parts, rows, np.ones(4, dtype=bool), {0: 1.0})
-    precision = hidden / (EXPECTED**2 * amplitudes @ seen @ amplitudes)
+    precision = hidden / (HIDDEN_SIZE**2 * amplitudes @ seen @ amplitudes)
     wanted = np.linalg.inv(np.linalg.inv(covariance) + precision)
     np.testing.assert_allclose(found.covariance, wanted)
     np.testing.assert_allclose(found.amplitudes, wanted @ np.linalg.inv(covariance) @ amplitudes)

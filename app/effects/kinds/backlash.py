@@ -16,7 +16,7 @@ from app.effects.words import size_along, symbol_of
 from app.geometry.components import COMPONENTS
 from app.thermal.error_map import ErrorMap
 
-CONSTANT, ALONG = "constant", "along the axis"
+SAME_EVERYWHERE, ALONG_AXIS = "constant", "along the axis"
 
 
 class Backlash(EffectKind):
@@ -73,7 +73,7 @@ def _hypothesis(code: str, rising: Rising | None) -> Hypothesis:
     names = (f"reversal_{unit}", f"reversal_rise_{unit}")[: len(shapes)]
     return Hypothesis(
         kind=Backlash.kind,
-        variant=CONSTANT if rising is None else ALONG,
+        variant=SAME_EVERYWHERE if rising is None else ALONG_AXIS,
         components=(code,),
         unit_terms=lambda _: [[Term(code, Always(), s, is_reversing=True)] for s in shapes],
         # The amplitude is half of the reversal value.

@@ -39,7 +39,7 @@ of a printer's frame follows the bed. That several are ahead by as much is what 
 HALVED: Final = 12
 """So often a time is halved to find until when readings are known: to some seconds."""
 
-APART: Final = "apart_min"
+APART_NAME: Final = "apart_min"
 HOUR_MIN: Final = 60.0
 AN_HOUR: Final = {
     "an hour early since a visit": HOUR_MIN,
@@ -98,7 +98,7 @@ class ClockOffset(EffectKind):
             return Proposals(not_testable=[self.refuse("clocks", reason)])
         grid.sort()
         nonlinear = Nonlinear(
-            APART, SECONDS_PER_MIN, tuple(grid), (grid[0], grid[-1]), log_scale=False
+            APART_NAME, SECONDS_PER_MIN, tuple(grid), (grid[0], grid[-1]), log_scale=False
         )
         always = Hypothesis(
             kind=self.kind,
@@ -111,7 +111,7 @@ class ClockOffset(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say how far apart, and which way."""
-        way, then = "early" if effect.parameters[APART] > 0.0 else "late", _since(effect)
+        way, then = "early" if effect.parameters[APART_NAME] > 0.0 else "late", _since(effect)
         return (
             f"the clocks of the readings and of the observations differ by {_apart(effect)}{then}: "
             f"the observations are stamped too {way}{_zone(effect)} (seen in {components(effect)})"
@@ -119,7 +119,7 @@ class ClockOffset(EffectKind):
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to store anew."""
-        way = "later" if effect.parameters[APART] > 0.0 else "earlier"
+        way = "later" if effect.parameters[APART_NAME] > 0.0 else "earlier"
         whole = " (by whole hours, if it is a time zone)" if _zone(effect) else ""
         return (
             "Compare the two clocks, including their time zones and daylight saving time; store "
@@ -146,7 +146,7 @@ def _of_an_hour(
             variant=variant,
             nonlinear=times,
             supposed=since(hour),
-            stated={APART: apart_min},
+            stated={APART_NAME: apart_min},
         )
 
 
@@ -196,13 +196,15 @@ def is_known_apart(view: CampaignView, sensor: str, by_s: float) -> bool:
 
 
 def _apart(effect: Effect) -> str:
-    return plus_minus(abs(effect.parameters[APART]), effect.standard_errors.get(APART), "min")
+    return plus_minus(
+        abs(effect.parameters[APART_NAME]), effect.standard_errors.get(APART_NAME), "min"
+    )
 
 
 def _zone(effect: Effect) -> str:
     """Say that it is a whole number of hours, where it is."""
-    apart = abs(effect.parameters[APART])
+    apart = abs(effect.parameters[APART_NAME])
     off = abs(apart - HOUR_MIN * max(round(apart / HOUR_MIN), 1))
-    error = effect.standard_errors.get(APART, 0.0)
+    error = effect.standard_errors.get(APART_NAME, 0.0)
     near = off <= min(max(TWO_ERRORS * error, 1.0), NEARLY_MIN)
     return ", by whole hours as from another time zone" if near else ""

@@ -27,7 +27,7 @@ from app.effects.supposition import left_by_temperatures, since
 from app.effects.words import components
 from app.units import date_text
 
-SINCE: Final = "since a visit"
+SINCE_VISIT: Final = "since a visit"
 
 
 class ExchangedSensors(EffectKind):
@@ -76,7 +76,7 @@ class ExchangedSensors(EffectKind):
                 found.hypotheses.append(
                     replace(
                         always,
-                        variant=SINCE,
+                        variant=SINCE_VISIT,
                         nonlinear=times,
                         supposed=since(partial(_supposed, pair)),
                     )
@@ -87,7 +87,7 @@ class ExchangedSensors(EffectKind):
         """Say which two are exchanged."""
         one, other = effect.sensors
         then = ""
-        if effect.variant == SINCE:
+        if effect.variant == SINCE_VISIT:
             then = f" since about {date_text(effect.parameters['changed_at_unix_s'])}"
         return (
             f"{one} and {other} are swapped{then}: each reads the temperature of the other's "

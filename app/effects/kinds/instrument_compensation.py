@@ -34,7 +34,7 @@ OF_AIR: Final = -0.93
 OF_STEEL: Final = 11.7
 """What lengths grow by without air compensation, and without a steel's [µm/(m K)]."""
 
-WHOLE: Final = Expected((OF_AIR, OF_STEEL, -OF_STEEL), 0.1)
+AIR_OR_STEEL: Final = Expected((OF_AIR, OF_STEEL, -OF_STEEL), 0.1)
 """On one axis alone its size is all that tells it; 0.1 is what steels, and the air at a sensor
 and on the laser's way, differ by."""
 
@@ -134,7 +134,7 @@ def _cause(effect: Effect) -> str:
     size, error = effect.parameters[LENGTH], effect.standard_errors.get(LENGTH, 0.0)
 
     def is_about(value: float) -> bool:
-        return abs(size - value) <= math.hypot(TWO_ERRORS * error, WHOLE.spread * value)
+        return abs(size - value) <= math.hypot(TWO_ERRORS * error, AIR_OR_STEEL.spread * value)
 
     machine = "or with a machine whose scales all expand alike with it"
     if is_about(OF_AIR):
@@ -179,7 +179,7 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
         one,
         nonlinear=Nonlinear(ASSUMED, 1.0, ASSUMED_C, (LEAST_C, MOST_C), log_scale=False),
         supposed=partial(_supposed, zeros_mm, sensor, channels),
-        expected=WHOLE if len(by_axis) == 1 else None,
+        expected=AIR_OR_STEEL if len(by_axis) == 1 else None,
         apart=[partial(_supposed, zeros_mm, sensor, own) for own in by_axis],
     )
     beyond = {channel: view.beyond_maps(_code(channel), sensor) for channel in channels}
@@ -192,7 +192,7 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
         one,
         variant=", ".join(filter(None, (one.variant, BEYOND))),
         supposed=partial(_beyond_maps, zeros_mm, drivers, channels),
-        expected=WHOLE if len(by_axis) == 1 else None,
+        expected=AIR_OR_STEEL if len(by_axis) == 1 else None,
         apart=[partial(_beyond_maps, zeros_mm, drivers, own) for own in left],
     )
 

@@ -29,7 +29,7 @@ SETTLES_BY: Final = "settles_by"
 WITHIN: Final = "within_min"
 TIME_CONSTANT: Final = "time_constant_min"
 
-KNOWN: Final = 0.5
+TIME_KNOWN: Final = 0.5
 """Standard error of a time constant, as a share of it, up to which it is told."""
 
 
@@ -108,7 +108,7 @@ class InstrumentWarmUp(EffectKind):
 def _is_settling(effect: Effect) -> bool:
     """Whether its time constant is known: what visits do not last long enough for is not told."""
     error = effect.standard_errors.get(TIME_CONSTANT, np.inf)
-    return error <= KNOWN * effect.parameters[TIME_CONSTANT]
+    return error <= TIME_KNOWN * effect.parameters[TIME_CONSTANT]
 
 
 def _longest_s(rows: ObservationRows, own: IntArray) -> float:

@@ -28,13 +28,13 @@ TIMES: Final = (2.0, 10.0, 25.4, 1000.0)
 TO_MULTIPLY_BY: Final = (WRONG_SIGN, *(1.0 / t for t in TIMES), *TIMES)
 """What puts such a table right."""
 
-EXPECTED: Final = Expected(tuple(factor - 1.0 for factor in TO_MULTIPLY_BY), 0.03)
+MISTAKES: Final = Expected(tuple(factor - 1.0 for factor in TO_MULTIPLY_BY), 0.03)
 """Amplitudes; 0.03 is what the table's own errors may do."""
 
 ABOVE_ITS_ERRORS: Final = 4.0
 """A table is not looked for as too large if its values are not so many standard errors."""
 
-NOT_TOO_LARGE: Final = Expected(tuple(v for v in EXPECTED.values if abs(v) > 1.0), EXPECTED.spread)
+NOT_TOO_LARGE: Final = Expected(tuple(v for v in MISTAKES.values if abs(v) > 1.0), MISTAKES.spread)
 """Amplitudes of the other tables. Their own errors are in the residuals too: minus a share of what
 they say is there, as if they were too large by a factor."""
 
@@ -44,7 +44,7 @@ the other maps. Else whatever was wrong only while it was measured is as likely:
 
 MULTIPLY: Final = "to_multiply_by"
 
-SURELY: Final = 3.0
+SURE_FACTOR: Final = 3.0
 """Standard errors by which a factor must be told from nothing, and within which it must be one that
 people make."""
 
@@ -123,7 +123,7 @@ class MapFactor(EffectKind):
                 "nothing of the stored values is seen, by which a factor could be told: whatever "
                 "was wrong only while the map was measured would look the same"
             )
-        if _away(found, error, nearest) > SURELY:
+        if _away(found, error, nearest) > SURE_FACTOR:
             return (
                 f"they would have to be multiplied by {parameter(effect, MULTIPLY)}, which is no "
                 "factor of a unit or a sign"
@@ -164,8 +164,8 @@ def _expected(view: CampaignView, codes: tuple[str, ...], label: str) -> Expecte
     if not _is_above_errors(view, codes, label):
         return NOT_TOO_LARGE
     largest = _times_others(view, codes, label) / OF_ITS_FACTOR
-    possible = (v for v in EXPECTED.values if not -1.0 < v < 0.0 or 1.0 / (1.0 + v) <= largest)
-    return Expected(tuple(possible), EXPECTED.spread)
+    possible = (v for v in MISTAKES.values if not -1.0 < v < 0.0 or 1.0 / (1.0 + v) <= largest)
+    return Expected(tuple(possible), MISTAKES.spread)
 
 
 def _times_others(view: CampaignView, codes: tuple[str, ...], label: str) -> float:
@@ -223,7 +223,7 @@ def _possible(effect: Effect) -> list[float]:
 
 def _away(found: float, error: float, factor: float) -> float:
     """Say how many standard errors an estimate is from a factor, the tables' own included."""
-    spread = EXPECTED.spread * (factor - 1.0)
+    spread = MISTAKES.spread * (factor - 1.0)
     return float(abs(found - factor) / np.hypot(error, spread))
 
 
@@ -235,7 +235,7 @@ def _is_nothing_left(effect: Effect) -> bool:
     """
     error = effect.standard_errors.get(MULTIPLY, 0.0)
     nearest = _possible(effect)[0]
-    return 0.0 < nearest < 1.0 and nearest < SURELY * error
+    return 0.0 < nearest < 1.0 and nearest < SURE_FACTOR * error
 
 
 def _how_wrong(factor: float) -> str:

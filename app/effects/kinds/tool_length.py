@@ -22,7 +22,7 @@ from app.geometry.components import COMPONENTS, Kind
 MOST_TOOLS: Final = 6
 """Of more tools only those that most observations were made with are tried by themselves."""
 
-LONGER: Final = "longer_by_mm"
+LONGER_BY: Final = "longer_by_mm"
 
 ALONG_Z: Final = (0.0, 0.0, 1.0)
 """The spindle's axis (ISO 841)."""
@@ -59,9 +59,9 @@ class ToolLength(EffectKind):
 
     def explain(self, effect: Effect) -> str:
         """Say which tool is how much longer or shorter."""
-        longer = effect.parameters[LONGER] > 0.0
+        longer = effect.parameters[LONGER_BY] > 0.0
         which = f"the tool of {effect.variant}" if effect.variant else "every tool"
-        size = parameter(effect, LONGER, "mm").removeprefix("-").removeprefix("−")
+        size = parameter(effect, LONGER_BY, "mm").removeprefix("-").removeprefix("−")
         return (
             f"{which} is {size} {'longer' if longer else 'shorter'} than stated (acting through "
             f"{components(effect)})"
@@ -93,7 +93,7 @@ def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesi
         kind=ToolLength.kind,
         variant=name,
         components=codes,
-        amplitudes=(Amplitude(LONGER),),
+        amplitudes=(Amplitude(LONGER_BY),),
         supposed=partial(_supposed, rows),
         within_visit=True,
     )

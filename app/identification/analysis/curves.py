@@ -26,13 +26,13 @@ from app.identification.analysis.plots import EffectCurve, Plots, VisitMeans
 from app.identification.residuals.residuals import channel_unit
 from app.search.zeros import without_zeros
 
-MOST_POINTS: Final = 400
+MOST_DRAWN: Final = 400
 """Of one drawing."""
 
 FINEST: Final = 64
 """Cells along each side of a drawing, where those of fewer are enough."""
 
-DIGITS: Final = 5
+DRAWN_DIGITS: Final = 5
 
 
 def plots(found: FinishedSearch, effects: Sequence[Effect]) -> Plots:
@@ -63,7 +63,7 @@ def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> Ef
     over, unit, driver = _driver_of(found, effect, explained)
     rows = rows[np.isfinite(driver[rows])]
     sides = np.array(_directions(found, effect, rows))
-    rows = rows[seen_apart(MOST_POINTS, driver[rows], without[rows], left[rows], sides)]
+    rows = rows[seen_apart(MOST_DRAWN, driver[rows], without[rows], left[rows], sides)]
     names = np.array(found.residuals.rows.channels)[found.rows.channel[rows]]
     return EffectCurve(
         over=over,
@@ -233,7 +233,7 @@ def _over_visits(
             np.bincount(which, weights=values[own]) / counts
             for values in (rows.times_s, before, after)
         ]
-        kept = seen_apart(MOST_POINTS, *means, together[:, 1])
+        kept = seen_apart(MOST_DRAWN, *means, together[:, 1])
         curves.append(
             VisitMeans(
                 component=channel,
@@ -289,5 +289,5 @@ def mean_variances(
 def _rounded(values: FloatArray) -> tuple[float, ...]:
     """Round to what a drawing shows: five significant digits of the largest."""
     largest = float(np.max(np.abs(values), initial=0.0))
-    digits = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+    digits = DRAWN_DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
     return tuple(np.round(values, digits).tolist())

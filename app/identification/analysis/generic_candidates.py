@@ -17,10 +17,10 @@ from app.effects.campaign_view import CampaignView
 from app.effects.observations import POINT_CHANNELS
 from app.search.candidate import Candidate, Part
 
-WAVES: Final = 3
+RANGE_WAVES: Final = 3
 """Cosines over the range of a quantity: half a period, one, one and a half."""
 
-FEWEST_ROWS: Final = 24
+FEWEST_FOR_SHAPES: Final = 24
 """A channel with fewer rows gets none."""
 
 CROSSED_WITH: Final = " and the position"
@@ -37,7 +37,7 @@ def generic_candidates(view: CampaignView) -> list[Candidate]:
     found = []
     for number, channel in enumerate(view.rows.channels):
         rows = view.rows.of_channel(channel)
-        if len(rows) < FEWEST_ROWS:
+        if len(rows) < FEWEST_FOR_SHAPES:
             continue
         for words, columns in _shapes(view, rows, channel in POINT_CHANNELS):
             found.append(
@@ -132,7 +132,7 @@ def _of_points(
 
 def _varies(values: FloatArray) -> bool:
     known = values[~np.isnan(values)]
-    return known.size >= FEWEST_ROWS and float(np.ptp(known)) > 0.0
+    return known.size >= FEWEST_FOR_SHAPES and float(np.ptp(known)) > 0.0
 
 
 def _scaled(values: FloatArray) -> FloatArray:
@@ -145,6 +145,6 @@ def _scaled(values: FloatArray) -> FloatArray:
 def _cosines(values: FloatArray) -> FloatArray:
     """Give cosines over the quantity's range, shape (m, 3); zero where it is not known."""
     angle = np.pi * _scaled(values)
-    waves = np.column_stack([np.cos(k * angle) for k in range(1, WAVES + 1)])
+    waves = np.column_stack([np.cos(k * angle) for k in range(1, RANGE_WAVES + 1)])
     found: FloatArray = np.nan_to_num(waves, nan=0.0)
     return found

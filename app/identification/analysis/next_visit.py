@@ -27,7 +27,7 @@ from app.identification.analysis.analysis import (
 )
 from app.identification.analysis.found_effect import FoundEffect
 from app.identification.campaign import Campaign
-from app.identification.plan.added_visits import choose_added_visits, conditions_at
+from app.identification.plan.added_visits import MOST_MOMENTS, choose_added_visits, conditions_at
 from app.search.scatter import FEWEST_BLOCKS
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H, date_text, iso_time, utc_time
 
@@ -37,15 +37,13 @@ MOST_PLACES: Final = 40
 EVERY_S: Final = 20.0
 """So long an instrument takes from one place to the next [s]."""
 
-APART: Final = 2.0
+OFF_COURSE: Final = 2.0
 """Drivers come apart where they leave their common course by so many times what they did in the
 visits at most."""
 
-TOGETHER: Final = 0.3
+IN_COMMON: Final = 0.3
 """Drivers had a common course in the visits where no more than so much of one's standard deviation
 is left beside the other."""
-
-MOST_MOMENTS: Final = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +149,7 @@ def _apart(
     one, other = (everything[name] for name in drivers)
     off, largest, is_together = _off_course(one, other, begins_s.size)
     first, second = drivers
-    if not np.isfinite(off).any() or np.nanmax(np.abs(off)) <= APART * largest:
+    if not np.isfinite(off).any() or np.nanmax(np.abs(off)) <= OFF_COURSE * largest:
         if not is_together:
             # They were apart in the visits already: more of these tell, not another state.
             return _unlike(campaign, question, again)
@@ -208,7 +206,7 @@ def _off_course(one: FloatArray, other: FloatArray, visits: int) -> tuple[FloatA
     slope = float(np.cov(x, y)[0, 1] / np.var(x, ddof=1)) if np.ptp(x) > 0 else 0.0
     left = one - (y.mean() + slope * (other - x.mean()))
     there = left[:visits][known]
-    is_together = bool(there.std() <= TOGETHER * y.std())
+    is_together = bool(there.std() <= IN_COMMON * y.std())
     return left[visits:], float(np.abs(there).max()), is_together
 
 

@@ -31,14 +31,14 @@ WINDOW: Final = 9
 
 PASSES: Final = 2
 
-FAR: Final = 8.0
+SPIKE_FROM: Final = 8.0
 """Robust standard deviations from the median of its neighbours."""
 
 FASTEST: Final = 0.99
-STEPS: Final = 6.0
+FAST_STEPS: Final = 6.0
 """A spike is larger than so many of the sensor's own fast steps."""
 
-BETWEEN: Final = 1.5
+COARSE_STEPS: Final = 1.5
 """Steps of a coarse sensor: between one, which is none, and two."""
 
 OFTEN: Final = 20
@@ -139,8 +139,10 @@ def _far(values: FloatArray, resolution_c: float) -> BoolArray:
     # Where heating begins or ends, a true reading lies one step from its neighbours' median.
     step_c = float(np.quantile(np.abs(np.diff(middle)), FASTEST))
     # What a coarse sensor reads near the middle between two of its steps changes by one of them.
-    coarse_c = BETWEEN * reading_step_k(values[known])
-    far = np.abs(away) > max(CLEARLY * resolution_c, FAR * usual, STEPS * step_c, coarse_c)
+    coarse_c = COARSE_STEPS * reading_step_k(values[known])
+    far = np.abs(away) > max(
+        CLEARLY * resolution_c, SPIKE_FROM * usual, FAST_STEPS * step_c, coarse_c
+    )
     if far.mean() < RARE:
         found[known[far]] = True
     return found

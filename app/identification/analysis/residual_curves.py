@@ -18,7 +18,7 @@ MOST_SINGLE: Final = 2000
 FEWEST_IN_RANGE: Final = 4
 """The mean of fewer says little more than a single value."""
 
-DIGITS: Final = 4
+LISTED_DIGITS: Final = 4
 TIME: Final = "time [s]"
 
 
@@ -83,5 +83,9 @@ def _shown(curve: Curve) -> ResidualCurve:
     over = curve.summary.over
     if not is_shown:
         return ResidualCurve(over, curve.summary.bins, (), ())
-    at = tuple(curve.at.round().tolist()) if over == TIME else to_significant(curve.at, DIGITS)
-    return ResidualCurve(over, curve.summary.bins, at, to_significant(curve.values, DIGITS))
+    at = (
+        tuple(curve.at.round().tolist())
+        if over == TIME
+        else to_significant(curve.at, LISTED_DIGITS)
+    )
+    return ResidualCurve(over, curve.summary.bins, at, to_significant(curve.values, LISTED_DIGITS))

@@ -27,11 +27,11 @@ from app.search.figures import RESAMPLED
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.zeros import unknown_zeros, without_zeros
 
-CHANCE: Final = 0.05
+MISTAKEN: Final = 0.05
 """Of all machines on which an effect is tried together, the chance that one of those that do not
 have it is said to have it, or one that has it not to."""
 
-HALF: Final = 0.5
+LEAST_SHARE: Final = 0.5
 """A machine that surely shows less of an effect than this does not have it in this size."""
 
 CanTell: TypeAlias = Literal["yes", "no", "cannot-be-told", "adopted"]
@@ -162,7 +162,7 @@ def _judged(shown: _Shown, channel: IntArray, tried_together: int) -> TriedEffec
     shows = f"this machine shows {share:.2f} of the effect ({interval[0]:.2f} to {interval[1]:.2f})"
     if interval[0] > 0.0 and gain[0] > 0.0:
         return told("yes", f"{shows}, and its residuals fall", interval, gain)
-    if interval[1] < HALF:
+    if interval[1] < LEAST_SHARE:
         return told("no", f"{shows}: less than half", interval, gain)
     why = "something moves alike, but it is not certain that residuals would fall"
     why = why if interval[0] > 0.0 else "its set-ups cannot decide"
@@ -186,7 +186,7 @@ def _interval(agree: FloatArray, full: FloatArray, tried_together: int) -> Range
     n = len(full)
     without = (agree.sum() - agree) / (full.sum() - full)
     error = float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
-    reach = error * float(stats.t.ppf(1.0 - CHANCE / tried_together / 2.0, n - 1))
+    reach = error * float(stats.t.ppf(1.0 - MISTAKEN / tried_together / 2.0, n - 1))
     share = float(agree.sum() / full.sum())
     return share - reach, share + reach
 

@@ -19,7 +19,7 @@ from app.arrays import BoolArray, FloatArray
 from app.search.candidate import Part
 from app.search.rows import Datum, Rows
 
-EXPECTED: Final = 1.5
+HIDDEN_SIZE: Final = 1.5
 """Standard deviation of what is hidden, in sizes of what was seen.
 
 A hidden size of zero, known by as much as it is expected to be, is wrong by half of that after
@@ -70,7 +70,7 @@ def with_expected(
     size = float(amplitudes @ seen @ amplitudes)
     if amplitudes.size < 2 or size <= 0.0 or not hidden.any():
         return Shrunk(amplitudes, covariance)
-    precision = hidden / (EXPECTED**2 * size)
+    precision = hidden / (HIDDEN_SIZE**2 * size)
     # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
     weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
     left = weight @ covariance

@@ -21,7 +21,7 @@ MOST_VISITS: Final = 6
 MOST_MOMENTS: Final = 2000
 """Moments of the record that are looked at."""
 
-CLEARLY: Final = 0.7
+STANDS_OUT: Final = 0.7
 """Standard deviations from the planned visits' mean from which something is warm or cold."""
 
 
@@ -150,7 +150,7 @@ def _words(there: Conditions, names: list[str], feature: FloatArray) -> str:
     order = sorted(range(len(names)), key=lambda i: -abs(feature[i]))
     parts = []
     for i in order[:3]:
-        if abs(feature[i]) > CLEARLY:
+        if abs(feature[i]) > STANDS_OUT:
             is_sensor = names[i] in there.temperatures_c
             high, low = ("warm", "cold") if is_sensor else ("high", "low")
             parts.append(f"{names[i]} {high if feature[i] > 0 else low}")

@@ -54,7 +54,7 @@ MOST_HELPED: Final = 4
 
 MOST_SUGGESTIONS: Final = 3
 
-ALIKE: Final = 0.5
+IMITATED: Final = 0.5
 """From this overlap on it is said what separates an effect from its rival."""
 
 NOT_SEEN: Final = "these observations would not show it, or there are too few visits"
@@ -290,7 +290,7 @@ class _DetectionLimits:
         return PlannedRival(
             *claim_of(rival),
             one.overlap or 0.0,
-            separating_measurement(own, rival) if (one.overlap or 0.0) > ALIKE else None,
+            separating_measurement(own, rival) if (one.overlap or 0.0) > IMITATED else None,
         )
 
 

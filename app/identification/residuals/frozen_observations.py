@@ -22,7 +22,7 @@ FROZEN: Final = "the instrument repeated one value"
 FROZEN_S: Final = 600.0
 """A value that is repeated for longer than this is not a measured one [s]."""
 
-FEWEST: Final = 3
+FEWEST_REPEATS: Final = 3
 FEWEST_TOGETHER: Final = 2
 """So many times in a row, at least; where several channels repeat together, to the last digit."""
 
@@ -52,7 +52,7 @@ def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
         for first, last in _stretches(stands):
             here = own[(moment >= first) & (moment <= last)]
             is_alone = np.unique(rows.channel[here]).size == 1
-            fewest = FEWEST if is_alone else FEWEST_TOGETHER
+            fewest = FEWEST_REPEATS if is_alone else FEWEST_TOGETHER
             long = times_s[last] - times_s[first] > FROZEN_S and last - first + 1 >= fewest
             if long and _moved_k(conditions, here) > MOVED_K:
                 is_old = first > 0 and times_s[first] - times_s[first - 1] > FRESH_S

@@ -40,7 +40,7 @@ ROUNDED: Final = 1e-12
 NOTHING_BETWEEN: Final = 0.01
 """Share of an entry's standard error that a straight line between two of them may leave."""
 
-AT_ONCE: Final = 64
+COLUMNS_AT_ONCE: Final = 64
 """Columns that are looked at together: memory follows the observations, not the entries."""
 
 MOST_NUMBERS: Final = 100_000_000
@@ -250,8 +250,8 @@ def _not_negligible(
     small = int(np.searchsorted(np.cumsum(squares), most, side="right"))
     room = NEGLIGIBLE_IN_A_ROW * variances + ROUNDED * float(variances.max())
     kept = [*range(small, len(squares))]
-    for start in range(0, small, AT_ONCE):
-        block = np.arange(start, min(start + AT_ONCE, small))
+    for start in range(0, small, COLUMNS_AT_ONCE):
+        block = np.arange(start, min(start + COLUMNS_AT_ONCE, small))
         for number, column in zip(block.tolist(), columns(block).T ** 2, strict=True):
             if (column <= room).all():
                 room = room - column

@@ -14,7 +14,7 @@ from app.identification.residuals.residuals import Residuals, channel_unit
 from app.units import Unit
 
 BINS: Final = 10
-FEWEST: Final = 6
+FEWEST_VALUES: Final = 6
 """Of fewer values nothing is shown over a quantity."""
 
 DIRECTIONS: Final = {1.0: "+", 0.0: "not stated", -1.0: "−"}
@@ -136,7 +136,7 @@ def curves_along(
     found = []
     for over, quantity in along.items():
         known = chosen & ~np.isnan(quantity)
-        if known.sum() >= FEWEST and np.ptp(quantity[known]) > 0:
+        if known.sum() >= FEWEST_VALUES and np.ptp(quantity[known]) > 0:
             own = None if scatter is None else scatter[known]
             summary = by_range(over, values[known], quantity[known], own, fewest)
             found.append(Curve(summary, quantity[known], values[known]))

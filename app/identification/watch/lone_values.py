@@ -20,10 +20,10 @@ from app.identification.residuals.residuals import channel_unit
 LONELY: Final = 12.0
 """A value so many times further off than others scatter is no scatter, even of heavy tails."""
 
-FEWEST: Final = 8
+FEWEST_IN_VISIT: Final = 8
 """Of fewer values nobody knows which is the lone one."""
 
-SHARE: Final = 0.1
+MOST_LONE: Final = 0.1
 """More than this share of a visit is not lone."""
 
 
@@ -47,7 +47,7 @@ def lone_values(own: Iterable[int], left: FloatArray, stated: float | None) -> l
     stated
         Standard deviation of one observation, where it is known: others do not scatter by less.
     """
-    if len(left) < FEWEST:
+    if len(left) < FEWEST_IN_VISIT:
         return []
     off = left - np.median(left)
     scatter = max(robust_sd(off), stated or 0.0)
@@ -58,7 +58,7 @@ def lone_values(own: Iterable[int], left: FloatArray, stated: float | None) -> l
         for row, away in zip(own, off, strict=True)
         if abs(away) > LONELY * scatter
     ]
-    return found if len(found) <= max(1, SHARE * len(left)) else []
+    return found if len(found) <= max(1, MOST_LONE * len(left)) else []
 
 
 def lone_words(found: list[LoneValue], rows: ObservationRows) -> str:

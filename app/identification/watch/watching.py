@@ -38,7 +38,7 @@ from app.units import Unit
 PLAINLY: Final = 2.0
 """A visit shows a change by itself where it is off by so many standard deviations."""
 
-FAR: Final = 5.0
+FAR_OFF: Final = 5.0
 """Off by so many standard deviations of one observation and the maps, a visit is said to be so,
 although set-ups may scatter as much: nobody is told that it agrees with the model."""
 
@@ -68,7 +68,7 @@ LEVEL: Final = "level"
 NUMBERS: Final = (LEVEL, *(f"slope along {axis.upper()}" for axis in LINEAR_LETTERS))
 """What is followed of a component."""
 
-FEWEST_SETUPS: Final = 5
+FEWEST_SEEN_AGAIN: Final = 5
 """Before so many numbers were seen again nothing is known of what set-ups scatter by."""
 
 KEY: Final = "|"
@@ -272,7 +272,7 @@ class WatchState:
         """
         name = f"{KEY}{what}"
         seen = [one for key, one in self.streams.items() if key.endswith(name)]
-        if sum(one.process.steps - 1 for one in seen) < FEWEST_SETUPS:
+        if sum(one.process.steps - 1 for one in seen) < FEWEST_SEEN_AGAIN:
             return 0.0
         return scatter_of_setups(np.sum([one.likelihoods for one in seen], axis=0))
 
@@ -621,7 +621,7 @@ def _judgement(
     sentence = _sentence(
         changed,
         judged,
-        farthest if farthest and _farness(farthest) > FAR else None,
+        farthest if farthest and _farness(farthest) > FAR_OFF else None,
         is_first=all(s.process.steps <= 1 for s in state.streams.values()),
     )
     return Judgement(
