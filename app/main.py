@@ -17,11 +17,10 @@ from starlette.staticfiles import StaticFiles
 import app as package
 from app.api.access import AccessControl
 from app.api.connection_metrics import connection_metrics
-from app.api.error_responses import install_error_responses
 from app.api.gate import Gate
 from app.api.long_bodies import LongBodies
 from app.api.machine_metrics import machine_metrics
-from app.api.metrics import Metrics, MetricsMiddleware
+from app.api.metrics import Metrics
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
 from app.api.pages import PAGE_HEADERS, Page
 from app.api.routes import (
@@ -44,6 +43,7 @@ from app.api.routes import (
     measurements,
     models,
     pictures,
+    predictions,
     readings,
     residuals,
     status,
@@ -51,7 +51,7 @@ from app.api.routes import (
     verification_files,
     verifications,
 )
-from app.api.short_way.service import ThermapService
+from app.api.service import ThermapService
 from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections
@@ -74,6 +74,7 @@ from app.storage.migrate import Upgraded, upgrade
 
 ROOMS = (
     compensation,
+    predictions,
     streams,
     status,
     controllers,
@@ -194,9 +195,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.runner = runner
     service.state.database_is_new = upgraded.was_empty
     _set_state(service, settings, stated, ring)
-    service.add_middleware(MetricsMiddleware, metrics=service.state.metrics)
     _allow_other_sites(service, settings.cors_origins)
-    install_error_responses(service)
     for room in ROOMS:
         room.router.serve_by(service)
     document_problems(service)

@@ -20,7 +20,6 @@ from typing import Any
 
 import httpx
 
-from app.api.short_way.tables import ANSWERS
 from app.api.table_json import LAYOUTS
 from app.live.registry import LiveModel
 from app.main import create_app
@@ -93,10 +92,7 @@ def _line(i: int) -> str:
     held = gc.get_objects()
     models = sum(isinstance(one, LiveModel) for one in held)
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
-    return (
-        f"{i:>8,} {resident:>10.1f} {len(held):>10,} {models:>8} "
-        f"{LAYOUTS.bytes / 2**20:>9.1f} {ANSWERS.bytes / 2**20:>9.1f}"
-    )
+    return f"{i:>8,} {resident:>10.1f} {len(held):>10,} {models:>8} {LAYOUTS.bytes / 2**20:>9.1f}"
 
 
 async def _trial(kind: str, requests: int) -> None:
@@ -111,7 +107,7 @@ async def _trial(kind: str, requests: int) -> None:
             work = Work(client, random.Random(3))
             await work.furnish()
             step: Callable[[int], Awaitable[None]] = getattr(work, kind)
-            print(" requests   MiB here    objects   models   layouts   answers [MiB]")
+            print(" requests   MiB here    objects   models   layouts [MiB]")
             for i in range(requests + 1):
                 if i % max(1, requests // LOOKS) == 0:
                     print(_line(i), flush=True)

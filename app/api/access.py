@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import monotonic
 from typing import Final
 from urllib.parse import quote
@@ -25,7 +26,7 @@ from app.api.gate import SAFE_METHODS
 from app.api.pages import wants_page
 from app.api.turns import SharedQuestion
 from app.errors import AccessRefused, KeyUnknown, NotAllowed
-from app.events.event import LONGEST_NAME, acting
+from app.events.event import LONGEST_NAME
 from app.services.access_keys import KeyRing
 from app.storage.access_keys import StoredKey
 
@@ -249,15 +250,21 @@ def holder_of(scope: Scope) -> str:
     return f"address {source_of(client[0]) if client else ''}"
 
 
-def name_who_asks(scope: Scope) -> None:
-    """Let what is written into the log name who asks, from here on."""
-    authorization: Authorization | None = scope.get("state", {}).get("authorization")
-    client = scope.get("client")
-    agent = dict(scope["headers"]).get(b"user-agent", b"").decode("latin-1")
-    program = program_name("".join(letter for letter in agent if letter.isprintable()))
-    whom = [] if authorization is None else [authorization.key.name]
-    named = ", ".join([*whom, client[0] if client else "", program]).strip(", ")
-    acting.set(named[:LONGEST_NAME] or "unknown")
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """Who sent a request, named as the log has it, and only where something is written there."""
+
+    scope: Scope
+
+    def __str__(self) -> str:
+        """Name the key, the address and the program, as far as there are any."""
+        authorization: Authorization | None = self.scope.get("state", {}).get("authorization")
+        client = self.scope.get("client")
+        agent = dict(self.scope["headers"]).get(b"user-agent", b"").decode("latin-1")
+        program = program_name("".join(letter for letter in agent if letter.isprintable()))
+        whom = [] if authorization is None else [authorization.key.name]
+        named = ", ".join([*whom, client[0] if client else "", program]).strip(", ")
+        return named[:LONGEST_NAME] or "unknown"
 
 
 def program_name(agent: str) -> str:

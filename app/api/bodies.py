@@ -19,10 +19,9 @@ from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import TypeAdapter, ValidationError
-from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
-from starlette.types import Message
+from starlette.types import Message, Receive, Scope, Send
 
 from app.api.access import AccessControl, holder_of
 from app.api.collector import uncollected
@@ -31,9 +30,7 @@ from app.api.field_errors import with_known_fields
 from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 from app.api.long_bodies import AT_ONCE, LongBodies
 from app.api.media_types import JSON
-from app.api.schemas.base import Schema
 from app.api.schemas.in_pieces import shown_errors
-from app.api.turns import Turns
 from app.errors import InvalidContent
 
 MEGABYTE: Final = 1024 * 1024
@@ -67,57 +64,102 @@ class BodyRoute(APIRoute):
         handle = super().get_route_handler()
         field = self.body_field
         if field is None:
-            return _without_body(handle)
+            return self._without_body(handle)
         stated = field.field_info
         adapter: TypeAdapter[Any] = TypeAdapter(cast("Any", Annotated[stated.annotation, stated]))
         limit = int((self.openapi_extra or {}).get(LIMIT_NAME, USUAL_LIMIT))
 
         async def read_and_handle(request: Request) -> Response:
-            most = min(limit, request.app.state.max_body_bytes)
-            body = await received(request, most)
+            body = await received(request, min(limit, request.app.state.max_body_bytes))
             if not body:
-                return await handle(ReadRequest(request, b"", None))
+                return await self.answer(request, b"", None, handle)
             _refuse_other_kinds(request, (JSON,))
-            is_long = len(body) > SHORT_TEXT
-            async with _turn(request) if is_long else nullcontext():
+            if len(body) <= SHORT_TEXT:
+                return await self.answer(request, body, _checked(adapter, body), handle)
+            async with _turn(request):
                 with uncollected() if len(body) > _MANY_OBJECTS else nullcontext():
-                    content = await _off_the_loop(len(body), lambda: _checked(adapter, body))
-                    read = ReadRequest(request, body, content)
-                    del content  # now `read` alone holds it, and `release` frees it
-                    try:
-                        return await self.answer(read, handle)
-                    finally:
-                        read.release()
+                    # No name holds what it said: it is gone before the collector is back.
+                    return await self.answer(
+                        request, body, await in_a_thread(lambda: _checked(adapter, body)), handle
+                    )
 
         return read_and_handle
 
-    async def answer(self, request: ReadRequest, handle: Handler) -> Response:
-        """Answer a request of which the body has been read: by the framework."""
-        return await handle(request)
+    def _without_body(self, handle: Handler) -> Handler:
+        async def refuse_body(request: Request) -> Response:
+            length, _ = stated_of_body(request.scope)
+            if length.strip(b"0") or "transfer-encoding" in request.headers:
+                raise InvalidContent.of_field(
+                    "body", f"expected no body for {request.method} {request.url.path}, got one"
+                )
+            return await self.answer(request, b"", None, handle)
+
+        return refuse_body
+
+    async def answer(
+        self, request: Request, body: bytes, content: Any, handle: Handler
+    ) -> Response:
+        """Answer a request by the framework, given its body as it came, and what that says."""
+        read = ReadRequest(request, body, content)
+        del content  # now `read` alone holds it
+        try:
+            return await handle(read)
+        finally:
+            read.release()
 
 
 class DirectRoute(BodyRoute):
-    """A route that is handed the context, the machine of its path and its body, and nothing else.
+    """A route whose function is awaited at once, and gives the response.
 
-    Its function is called without the framework between, whose dependencies, fields and models of
-    the answer take longer than to read a hundred readings. What is refused, and in which words, is
-    the same: there is no other way to this function.
+    It is handed the request, the context, the machine of its path, the body, where it has one, and
+    the headers that it names, as text.
+
+    The framework is not between: its dependencies, fields and models of the answer take longer
+    than a live table. Nothing else differs: the body is read and checked as that of any other
+    route, and what is wrong with it is said in the same words.
     """
 
-    async def answer(self, request: ReadRequest, handle: Handler) -> Response:
-        """Answer it by calling the function, when it is our turn, in a thread."""
-        await refuse_unknown_query(request)
-        turns: Turns = request.app.state.turns
-        machine = request.path_params["machine"]
-        async with turns.taken():
-            answer: Schema = await run_in_threadpool(
-                self.endpoint, request.app.state.context, machine, request.content
-            )
-        return Response(
-            answer.model_dump_json(exclude_defaults=self.response_model_exclude_defaults),
-            status_code=self.status_code or 200,
-            media_type=JSON,
+    def __init__(self, *args: Any, **named: Any) -> None:
+        super().__init__(*args, **named)
+        self._headers = self.dependant.header_params
+        handle = self.get_route_handler()
+
+        async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+            response = await handle(Request(scope, receive))
+            await response(scope, receive, send)
+
+        self.app = answer
+
+    async def answer(
+        self, request: Request, body: bytes, content: Any, handle: Handler
+    ) -> Response:
+        """Answer it by calling the function."""
+        if request.scope["query_string"]:
+            await refuse_unknown_query(request)
+        named = {h.name: request.headers.get(h.alias, h.default) for h in self._headers}
+        if self.body_field is not None:
+            if not body:
+                raise RequestValidationError([{"type": "missing", "loc": ("body",), "input": None}])
+            named["body"] = content
+        scope = request.scope
+        context, machine = scope["app"].state.context, scope["path_params"]["machine"]
+        answer: Response = await self.endpoint(
+            request=request, context=context, machine=machine, **named
         )
+        return answer
+
+
+class Written(Response):
+    """An answer that is written: its bytes and what they are, and no more than that to be done."""
+
+    def __init__(self, content: bytes, media_type: str = JSON, status: int = 200) -> None:
+        self.status_code = status
+        self.body = content
+        self.background = None
+        self.raw_headers = [
+            (b"content-type", media_type.encode()),
+            (b"content-length", b"%d" % len(content)),
+        ]
 
 
 class FileRoute(APIRoute):
@@ -161,16 +203,15 @@ class ReadRequest(Request):
         self.content = None
 
 
-def _without_body(handle: Handler) -> Handler:
-    async def refuse_body(request: Request) -> Response:
-        stated = request.headers.get("content-length", "0")
-        if stated.strip("0") or "transfer-encoding" in request.headers:
-            raise InvalidContent.of_field(
-                "body", f"expected no body for {request.method} {request.url.path}, got one"
-            )
-        return await handle(request)
-
-    return refuse_body
+def stated_of_body(scope: Scope) -> tuple[bytes, bytes]:
+    """Read from a request's head its body's length and kind, empty where they are not stated."""
+    length = kind = b""
+    for name, value in scope["headers"]:
+        if name == b"content-length":
+            length = value
+        elif name == b"content-type":
+            kind = value
+    return length, kind
 
 
 async def received(request: Request, most: int) -> bytes:
@@ -181,30 +222,35 @@ async def received(request: Request, most: int) -> bytes:
     AccessRefused
         If the key of the request was revoked while it came.
     """
-    stated = request.headers.get("content-length", "")
-    too_large = HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")
     # A header of many digits must not cost time: twenty are more than any limit. What it states
     # may also be untrue, so that what comes is counted all the same.
-    if stated.isascii() and stated.isdecimal() and int(stated[:20]) > most:
-        raise too_large
-    got = bytearray()
+    length, _ = stated_of_body(request.scope)
+    if length.isdigit() and int(length[:20]) > most:
+        raise _too_large(most)
+    parts: list[bytes] = []
+    size = 0
     more = True
     while more:
         message: Message = await request.receive()
         if message["type"] != "http.request":
             raise HTTPException(408, "expected the rest of the body, but the connection ended")
-        got += message.get("body", b"")
-        if len(got) > most:
-            raise too_large
+        parts.append(message.get("body", b""))
+        size += len(parts[-1])
+        if size > most:
+            raise _too_large(most)
         more = message.get("more_body", False)
     access: AccessControl = request.app.state.access
     access.confirm_request(request.scope)  # the body may have been long on its way
-    return bytes(got)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _too_large(most: int) -> HTTPException:
+    return HTTPException(413, f"expected a body of at most {most} bytes; send it in parts")
 
 
 def _refuse_other_kinds(request: Request, kinds: Sequence[str]) -> None:
     """Refuse what is of none of these kinds; a browser sends them for no other site's page."""
-    got = request.headers.get("content-type", "")
+    got = stated_of_body(request.scope)[1].decode("latin-1")
     if got.partition(";")[0].strip().lower() not in kinds:
         expected = "JSON with the header" if JSON in kinds else "a file with the header"
         raise HTTPException(
@@ -218,11 +264,6 @@ def _turn(request: Request) -> AbstractAsyncContextManager[None]:
     """Give what waits for the turn of a long body."""
     turns: LongBodies = request.app.state.long_bodies
     return turns.taken(holder_of(request.scope))
-
-
-async def _off_the_loop(size: int, read: Callable[[], Read]) -> Read:
-    """Read a short body at once, a long one in a thread."""
-    return read() if size <= SHORT_TEXT else await in_a_thread(read)
 
 
 async def in_a_thread(read: Callable[[], Read]) -> Read:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
 
 import orjson
-from fastapi import FastAPI, Request
+from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import iter_route_contexts
 from pydantic import ValidationError
@@ -135,23 +136,25 @@ def problem_of(scope: Scope, error: ThermapError) -> Response:
     return problem_for(scope, status, title, detail, error.errors[:_SHOWN], headers)
 
 
-def install_error_responses(app: FastAPI) -> None:
-    """Let an application answer every error as a problem."""
-    app.add_exception_handler(ThermapError, _thermap_error)
-    app.add_exception_handler(RequestValidationError, _invalid_request)
-    app.add_exception_handler(ValidationError, _invalid_request)
-    app.add_exception_handler(HTTPException, _http_error)
-    app.add_exception_handler(IntegrityError, _concurrent_change)
-    app.add_exception_handler(Exception, _unexpected)
+def error_response(request: Request, error: Exception) -> Response:
+    """Answer an error as a problem."""
+    return _writer(error)(request, error)
 
 
-async def _thermap_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, ThermapError)
+def is_expected(error: Exception) -> bool:
+    """Whether there is an answer to an error; else somebody has to look at it."""
+    return _writer(error) is not _unexpected
+
+
+def _writer(error: Exception) -> Callable[[Request, Any], Response]:
+    return next(_WRITERS[kind] for kind in type(error).__mro__ if kind in _WRITERS)
+
+
+def _thermap_error(request: Request, error: ThermapError) -> Response:
     return problem_of(request.scope, error)
 
 
-async def _invalid_request(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError | ValidationError)
+def _invalid_request(request: Request, error: RequestValidationError | ValidationError) -> Response:
     found = [field_error(e) for e in error.errors()]
     least = "at least " if len(found) >= ENOUGH_ERRORS else ""
     more = f" (and {least}{len(found) - 3} more)" if len(found) > 3 else ""
@@ -159,8 +162,7 @@ async def _invalid_request(request: Request, error: Exception) -> Response:
     return problem_for(request.scope, 422, "Invalid content", detail, found[:_SHOWN])
 
 
-async def _http_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
+def _http_error(request: Request, error: HTTPException) -> Response:
     if error.status_code == 400:
         return _unreadable(error)
     if error.status_code == 405:
@@ -198,17 +200,28 @@ def _unreadable(error: HTTPException) -> Response:
     return problem(422, "Invalid content", f"body: {message}", [FieldError("body", message)])
 
 
-async def _concurrent_change(_request: Request, _error: Exception) -> Response:
+def _concurrent_change(_request: Request, _error: Exception) -> Response:
     return problem(
         409, "Conflict", "another request changed the same thing at the same moment; try again"
     )
 
 
-async def _unexpected(request: Request, error: Exception) -> Response:
+def _unexpected(request: Request, error: Exception) -> Response:
     log.error("unexpected error at %s", request.url.path, exc_info=error)
     where = f"the service's log has the details, at request {request_id.get()}"
     detail = f"{type(error).__name__}; {where}"
     return problem_for(request.scope, 500, "Unexpected error", detail)
+
+
+_WRITERS: Final[Mapping[type, Callable[[Request, Any], Response]]] = {
+    ThermapError: _thermap_error,
+    RequestValidationError: _invalid_request,
+    ValidationError: _invalid_request,
+    HTTPException: _http_error,
+    IntegrityError: _concurrent_change,
+    Exception: _unexpected,
+}
+"""A kind of error, or the nearest above it, to what writes its answer."""
 
 
 def _without_surrogates(text: str) -> str:

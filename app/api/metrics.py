@@ -6,13 +6,11 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from itertools import accumulate
-from time import perf_counter
 from typing import Final
 
 from prometheus_client import CollectorRegistry, Gauge
 from prometheus_client.core import CounterMetricFamily, HistogramMetricFamily, Metric
 from prometheus_client.registry import Collector
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.live.registry import LiveRegistry
 
@@ -111,33 +109,3 @@ class _Requests(Collector):
             buckets = list(zip(limits, accumulate(times.counts), strict=True))
             seconds.add_metric([route, method, *self._own.values()], buckets, times.sum_s)
         yield seconds
-
-
-class MetricsMiddleware:
-    """Counts every request by its route's pattern."""
-
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self.app = app
-        self.metrics = metrics
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on and look at the status that comes back."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-        started = perf_counter()
-        status = 500
-
-        async def watching(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-            await send(message)
-
-        try:
-            await self.app(scope, receive, watching)
-        finally:
-            route = getattr(scope.get("route"), "path", UNKNOWN)
-            known = route != UNKNOWN and scope["method"] in METHODS
-            method = scope["method"] if known else UNKNOWN
-            self.metrics.count(route, method, status, perf_counter() - started)

@@ -33,13 +33,14 @@ class RequestLog:
 
     Its number is the sender's own where that states a usable one in X-Request-ID, else one of
     ours; it is answered in the same header, and stands in every line of the log meanwhile.
+    `status` is what was answered, 0 before that.
     """
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._scope = scope
         self._send = send
         self._began = perf_counter()
-        self._status = 0
+        self.status = 0
         self._bytes = 0
         self.number = _number_of(scope)
         request_id.set(self.number)
@@ -47,7 +48,7 @@ class RequestLog:
     async def send(self, message: Message) -> None:
         """Pass an answer on, with its number."""
         if message["type"] == "http.response.start":
-            self._status = message["status"]
+            self.status = message["status"]
             headers = [*message.get("headers", ()), (HEADER, self.number.encode())]
             message = {**message, "headers": headers}
         elif message["type"] == "http.response.body":
@@ -62,10 +63,10 @@ class RequestLog:
         # What stands behind the question mark may be anybody's secret, and is not written.
         shown = "".join(letter if letter.isprintable() else "?" for letter in path)[:_LONGEST_PATH]
         duration_ms = round(1000.0 * (perf_counter() - self._began), 2)
-        asked = {"method": self._scope["method"], "path": shown, "status": self._status}
+        asked = {"method": self._scope["method"], "path": shown, "status": self.status}
         log.info(
             "%s %s %d, %s ms, %d bytes",
-            *(asked["method"], shown, self._status, duration_ms, self._bytes),
+            *(asked["method"], shown, self.status, duration_ms, self._bytes),
             extra=asked | {"duration_ms": duration_ms, "bytes": self._bytes},
         )
 

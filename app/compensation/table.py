@@ -210,10 +210,11 @@ def compensation_table(
     stale: dict[str, float] = {}
     failures: dict[str, str] = {}
     for one in sensors:
-        if one.health is not Health.OK:
+        is_ok = one.health is Health.OK
+        if not is_ok:
             failures[one.sensor] = one.detail
-        if one.temperature_c is not None and one.health in (Health.OK, Health.STALE):
-            into = usable if one.health is Health.OK else stale
+        if one.temperature_c is not None and (is_ok or one.health is Health.STALE):
+            into = usable if is_ok else stale
             into[one.sensor] = one.temperature_c
     try:
         states = model.errors_at(usable, stale)

@@ -17,8 +17,8 @@ SERVICE: Final = "service"
 LONGEST_NAME: Final = 128
 """Letters of who does something, as they are stored."""
 
-acting: ContextVar[str] = ContextVar("acting", default=SERVICE)
-"""Who asks: the name of a key, or an address and the program that it comes from."""
+acting: ContextVar[object] = ContextVar("acting", default=SERVICE)
+"""Who asks, as its text: the name of a key, or an address and the program that it comes from."""
 
 
 class EventKind(StrEnum):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -130,14 +131,33 @@ def note_absent(
     live.note_values((), since)
 
 
-def begin_to_store(context: Context, wanted: Wanted[ReadingBatch]) -> None:
-    """Let a batch be stored if it is right and all new, and hold up nobody.
+async def store_at_once(
+    context: Context, machine_id: str, readings: Sequence[Reading]
+) -> StoreOutcome | None:
+    """Store readings of a machine in memory if they are right and all new, as `store_readings`.
 
-    At its end it has an outcome if it was stored, an error if the database is away, and neither
-    where `store_readings` has to look closer.
+    Whoever awaits it takes no thread: those of the queue store them, together with others'. None
+    where `store_readings` has to look closer, or nobody could be stored now.
     """
+    live = context.live
+    if live.get(machine_id) is None or live.database.trouble is not None:
+        return None
+    if not context.reading_batches.has_room:
+        return None  # who has to wait for a place waits with the others
+    batch = ReadingBatch(machine_id, readings)
+    loop = asyncio.get_running_loop()
+    is_done = asyncio.Event()
+
+    def end() -> None:
+        with suppress(RuntimeError):  # the loop has ended, and whoever waited with it
+            loop.call_soon_threadsafe(is_done.set)
+
+    wanted = Wanted(batch, end)
     together = _Together(context)
     context.reading_batches.begin(wanted, together.store, together.follow)
+    await is_done.wait()
+    wanted.expect_database()
+    return batch.outcome
 
 
 Written = dict[str, tuple[Sequence[Reading], AddedReadings, int]]

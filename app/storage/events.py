@@ -41,7 +41,7 @@ def write_event(
     details: Mapping[str, Any] | None = None,
 ) -> None:
     """Write that something was changed, in the transaction that changes it."""
-    _add(session, _new(machine_id, kind, "", acting.get(), text, now, details or {}))
+    _add(session, _new(machine_id, kind, "", str(acting.get()), text, now, details or {}))
 
 
 def begin_passing(

@@ -14,9 +14,7 @@ from app.effects.driver import Always, SinceReference
 from app.effects.effect import Effect
 from app.effects.shape import Everywhere, Exchange
 from app.effects.term import Term
-from tests.api.test_api_short_way import OrdinaryWay
 from tests.effect_examples import (
-    ALL,
     BACKLASH,
     DRIFT,
     LAG,
@@ -378,18 +376,6 @@ async def test_without_a_stand_in_the_bias_is_taken_off(client, app):
 # --- everything else ------------------------------------------------------------------------
 
 
-async def test_the_short_way_and_the_ordinary_way_answer_alike(app, client):
-    adopt(app, *ALL)
-    state = {"spindle_rpm": 4000}
-    for stated in (state, {}):
-        body = {"temperatures_c": temperatures(25.5), "state": stated}
-        short = await client.post(f"{ROOM}/compensation", json=body)
-        async with client_of(OrdinaryWay(app)) as ordinary:
-            same = await ordinary.post(f"{ROOM}/compensation", json=body)
-        assert short.status_code == same.status_code == 200
-        assert short.content == same.content
-
-
 @pytest.mark.parametrize("path", ["volumetric-accuracy", "compensation/levels", "picture"])
 async def test_what_is_made_of_the_field_contains_effects(app, client, path):
     body = {"temperatures_c": temperatures(25.5), "missing_components": "zero"}
@@ -499,9 +485,6 @@ async def test_a_state_far_beyond_what_was_learnt_is_held_and_said(client, app):
     assert by_code(document)["EXX"]["errors_um"] == pytest.approx([12.0, 17.5, 39.5])
     assert by_code(document)["EXX"]["status"] == "held"
     assert document["complete"] is False
-    async with client_of(OrdinaryWay(app)) as ordinary:
-        again = (await ordinary.post(f"{ROOM}/compensation", json=stated)).json()
-    assert again == document
     await stored(client, reading(START, 25.5))
     at_once = {"component": "EXX", "position_mm": 0}
     said = await predicted(

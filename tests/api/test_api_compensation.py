@@ -302,8 +302,7 @@ async def test_one_map_is_stored_and_a_table_of_it_is_refused(empty):
     "header",
     ["application/json", "application/json; charset=utf-8", "Application/JSON"],
 )
-async def test_every_way_through_the_service_gives_the_same_table(client, header):
-    """A plain request takes a short way past the framework; others do not."""
+async def test_however_it_is_sent_the_table_is_the_same(client, header):
     body = b'{"temperatures_c": {"x-middle": 25.5, "z-column": 29.0}, "state": {"spindle_rpm": 1}}'
     plain = await client.post(PATH, content=body, headers={"content-type": "application/json"})
 

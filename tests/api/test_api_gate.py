@@ -106,7 +106,7 @@ async def test_a_foreign_host_is_refused_on_every_path(client, path):
         assert "--allowed-host" in found["detail"]
 
 
-async def test_a_foreign_host_is_refused_on_the_short_way_too(client):
+async def test_a_foreign_host_is_refused_a_table_too(client):
     body = {"temperatures_c": {"x-middle": 21.0}}
     answer = await client.post(f"{ROOM}/compensation", json=body, headers={"host": "evil.example"})
     problem(answer, 421)

@@ -17,7 +17,7 @@ def logged(caplog):
     return lambda: [record for record in caplog.records if record.name == "thermap.requests"]
 
 
-async def test_a_number_is_answered_and_logged_on_the_short_way_too(client, logged):
+async def test_a_number_is_answered_and_logged_whatever_is_asked(client, logged):
     body = {"temperatures_c": temperatures(25.0)}
     answers = [
         await client.post(f"{ROOM}/compensation", json=body),

@@ -6,7 +6,6 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from fastapi import FastAPI
 
 from app.geometry.components import COMPONENTS
 from tests.service_examples import (
@@ -353,22 +352,6 @@ async def test_extrapolated_it_grows(two_maps):
     from_temperatures = math.sqrt(2.0 * w * (w - 1.0)) * 0.1 / math.sqrt(12.0)
     expected = math.hypot(0.4 * w, 0.3 * (1 - w), from_temperatures)
     assert entry["standard_error_um_per_m"] == pytest.approx(expected, abs=5.1e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("t_c", [20.0, 23.7, 30.0, 31.5, 35.0, 60.0])
-async def test_the_short_way_says_it_as_the_ordinary_way_does(two_maps, empty_app, t_c):
-    class OrdinaryWay:
-        state = empty_app.state
-
-        async def __call__(self, scope, receive, send):
-            await FastAPI.__call__(empty_app, scope, receive, send)
-
-    async with client_of(OrdinaryWay()) as ordinary:
-        plain, other = await ask(two_maps, t_c), await ask(ordinary, t_c)
-    assert plain.content == other.content
-    assert b"standard_errors_um" in plain.content
-    assert b"null,null" not in plain.content
 
 
 async def test_the_table_at_the_latest_reading_has_them_too(two_maps):

@@ -56,9 +56,9 @@ def head(path, length=None):
 HALF_SENT = {
     "half a line": [b"POST /v1/mach"],
     "half the headers": [head(b"compensation")],
-    "no body, short way": [head(b"compensation", len(BODY))],
-    "half a body, short way": [head(b"compensation", len(BODY)), BODY[:20]],
-    "half a body, ordinary way": [head(b"readings", 5000), b"[" * 20],
+    "no body": [head(b"compensation", len(BODY))],
+    "half a body": [head(b"compensation", len(BODY)), BODY[:20]],
+    "half a long body": [head(b"readings", 5000), b"[" * 20],
     "half a chunk": [head(b"readings") + b"Transfer-Encoding: chunked\r\n\r\n10\r\n[["],
 }
 

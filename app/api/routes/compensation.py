@@ -1,4 +1,4 @@
-"""The live table, from memory, and predictions."""
+"""The live table, from memory."""
 
 from __future__ import annotations
 
@@ -7,26 +7,24 @@ from typing import Annotated
 from fastapi import Header, Request
 from starlette.responses import Response
 
-from app.api.bodies import BodyRoute, body_of_at_most
+from app.api.bodies import DirectRoute, Written
 from app.api.dependencies import (
     ContextDep,
     MachinePath,
     machine_in_memory,
     machine_with_readings,
 )
+from app.api.media_types import JSON
 from app.api.router import Router
 from app.api.schemas.compensation import (
     CompensationAnswer,
     CompensationRequest,
     CurrentCompensationAnswer,
 )
-from app.api.schemas.predictions import PredictionAnswer, PredictionRequest
 from app.api.table_json import current_table_json, table_json
 from app.services.live_table import current_state, current_table, database_warnings, table_at
-from app.services.predictions import predict_errors
 
-router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
-JSON = "application/json"
+router = Router(route_class=DirectRoute, prefix="/v1/machines/{machine}", tags=["live"])
 
 
 @router.post(
@@ -41,7 +39,7 @@ async def post_compensation(
     current = (await machine_in_memory(request, context, machine)).current
     warnings = database_warnings(context, current)
     table = table_at(current, body.temperatures_c, context.now(), warnings, body.state)
-    return Response(table_json(table), media_type=JSON)
+    return Written(table_json(table))
 
 
 @router.get(
@@ -68,29 +66,6 @@ async def get_compensation(
         return Response(status_code=304, headers=headers)
     written = current_table_json(current_table(context, state))
     return Response(written, media_type=JSON, headers=headers)
-
-
-@router.post(
-    "/predictions", summary="Predict errors at given times", openapi_extra=body_of_at_most(32)
-)
-def post_predictions(
-    context: ContextDep, machine: MachinePath, body: PredictionRequest
-) -> PredictionAnswer:
-    """Say what the model predicts, with the stored readings' temperatures at each time."""
-    found = predict_errors(
-        context,
-        machine,
-        body.to_observations(),
-        body.model_version,
-        missing_as_zero=body.missing_components == "zero",
-    )
-    return PredictionAnswer(
-        model_version=found.model_version,
-        predicted_um=found.values,
-        status=found.status,
-        counted_as_zero=found.counted_as_zero,
-        warnings=found.warnings,
-    )
 
 
 def _matches(if_none_match: str, tag: str) -> bool:

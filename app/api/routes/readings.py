@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Final, cast
 
-from fastapi import Query
+from fastapi import Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
 
-from app.api.bodies import DirectRoute, body_of_at_most
+from app.api.bodies import BodyRoute, DirectRoute, Written, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
 from app.api.schemas.base import UtcTime
 from app.api.schemas.readings import (
     OneOrMoreReadings,
     ReadingSchema,
-    StatedReading,
+    SentReadings,
     StoredReadings,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
+from app.api.turns import Turns
 from app.errors import FieldError, InvalidContent, UnknownThing, counted, list_names
 from app.services.context import Context
 from app.services.machines import show_readings, show_withdrawn_readings
 from app.services.readings import (
     StoreOutcome,
     note_absent,
+    store_at_once,
     store_readings,
     withdraw_reading,
     withdraw_readings,
 )
 from app.services.status import machine_in_memory
 
-router = Router(
-    route_class=DirectRoute, prefix="/v1/machines/{machine}/readings", tags=["readings"]
-)
+_PREFIX: Final = "/v1/machines/{machine}/readings"
+
+_direct = Router(route_class=DirectRoute, prefix=_PREFIX, tags=["readings"])
+router = Router(route_class=BodyRoute, prefix=_PREFIX, tags=["readings"])
 
 
 SinceQuery = Annotated[UtcTime | None, Query(alias="from", description="From this time on")]
@@ -42,16 +46,16 @@ UntilQuery = Annotated[UtcTime | None, Query(alias="to", description="Up to this
 LimitQuery = Annotated[int, Query(ge=1, le=100_000, description="At most so many")]
 
 
-@router.post(
+@_direct.post(
     "",
     status_code=201,
     summary="Store readings",
-    response_model_exclude_defaults=True,
+    response_model=StoredReadings,
     openapi_extra=body_of_at_most(16),
 )
-def post_readings(
-    context: ContextDep, machine: MachinePath, body: OneOrMoreReadings
-) -> StoredReadings:
+async def post_readings(
+    request: Request, context: ContextDep, machine: MachinePath, body: OneOrMoreReadings
+) -> Response:
     """Store one reading or up to 10,000: all of them or, if one is wrong, none.
 
     A time that is known with the same content is a duplicate, with other content a
@@ -61,11 +65,16 @@ def post_readings(
     and is not `complete`, until there are newer values. More than a day ahead it is refused. A
     time of more than ten years ago is stored and named here.
     """
-    if isinstance(body, list):
-        done = _store(context, machine, body)
-    else:
-        done = _store_one(context, machine, body)
-    return StoredReadings.of(done)
+    sent = cast("SentReadings", body)
+    done = None if sent.without else await store_at_once(context, machine, sent.readings)
+    if done is None:
+        turns: Turns = request.app.state.turns
+        async with turns.taken():
+            done = await run_in_threadpool(_store, context, machine, sent)
+    return Written(StoredReadings.of(done).as_json(), status=201)
+
+
+router.routes.extend(_direct.routes)
 
 
 @router.get("", summary="List readings")
@@ -135,34 +144,35 @@ def delete_readings(
     )
 
 
-def _store(context: Context, machine: str, stated: Sequence[StatedReading]) -> StoreOutcome:
+def _store(context: Context, machine: str, sent: SentReadings) -> StoreOutcome:
     """Store those that have a value, and take note of what has none."""
-    absent = [(one.time, one.without) for one in stated if one.without]
-    if not absent:
-        return store_readings(context, machine, [one.to_reading() for one in stated])
+    try:
+        if not sent.without:
+            return store_readings(context, machine, sent.readings)
+        return _store_valued(context, machine, sent)
+    except InvalidContent as error:
+        if sent.is_list:
+            raise
+        # One that came alone: its fields are not named as in a list.
+        errors = [FieldError(e.field.removeprefix("0."), e.message) for e in error.errors]
+        detail = "; ".join(f"{e.field}: {e.message}" for e in errors)
+        raise InvalidContent(detail, errors) from None
+
+
+def _store_valued(context: Context, machine: str, sent: SentReadings) -> StoreOutcome:
     known = machine_in_memory(context, machine).current.model.machine
-    for i, one in enumerate(stated):
-        for name in one.without:
+    for i, names in enumerate(sent.without):
+        for name in names:
             try:
                 known.sensor(name)
             except UnknownThing as unknown:
                 field = f"{i}.temperatures_c.{name}"
                 raise InvalidContent.of_field(field, unknown.detail) from None
-    readings = [one.to_reading() for one in stated]
-    valued = [one for one in readings if one.temperatures_c]
+    valued = [one for one in sent.readings if one.temperatures_c]
     done = store_readings(context, machine, valued) if valued else StoreOutcome(0, 0, 0, ())
-    note_absent(context, machine, absent)
-    if len(valued) == len(readings):
+    pairs = zip(sent.readings, sent.without, strict=True)
+    note_absent(context, machine, [(one.time, names) for one, names in pairs if names])
+    if len(valued) == len(sent.readings):
         return done
-    unstored = counted(len(readings) - len(valued), "reading")
+    unstored = counted(len(sent.readings) - len(valued), "reading")
     return replace(done, warnings=[*done.warnings, f"{unstored} without a value not stored"])
-
-
-def _store_one(context: Context, machine: str, stated: StatedReading) -> StoreOutcome:
-    """Store a reading that came alone: its fields are not named as in a list."""
-    try:
-        return _store(context, machine, [stated])
-    except InvalidContent as error:
-        errors = [FieldError(e.field.removeprefix("0."), e.message) for e in error.errors]
-        detail = "; ".join(f"{e.field}: {e.message}" for e in errors)
-        raise InvalidContent(detail, errors) from None

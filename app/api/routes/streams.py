@@ -12,7 +12,7 @@ from app.api.access import viewer
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, machine_with_readings
 from app.api.router import Router
-from app.api.short_way.service import WITHOUT_BODY
+from app.api.service import WITHOUT_BODY
 from app.api.streams import TABLES, TableStreams, Wanted
 from app.compensation.table_steps import SMALLEST_STEP
 

@@ -1,22 +1,27 @@
-"""Readings by the short way: answered, stored and held as by the ordinary way."""
+"""Readings that are stored at once: answered, stored and held as what is looked at closely."""
 
 import asyncio
 import json
 import threading
+from contextlib import contextmanager, nullcontext
 from datetime import timedelta
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
-from app.api.short_way.readings import LARGEST_PLAIN_BODY, store_plain
+from app.api.bodies import _checked
+from app.api.routes import readings as routes
+from app.api.schemas import readings as schemas
+from app.api.schemas.readings import _MOST_AT_ONCE, OneOrMoreReadings
 from app.errors import StorageFull, StorageUnavailable
 from app.live.database_watch import TroubleKind
 from app.services import readings as service_of_readings
+from app.services.readings import store_at_once
 from app.services.together import MOST_TOGETHER
 from app.storage.readings import insert_readings, list_readings
 from app.thermal.reading import Reading
-from tests.api.test_api_short_way import OrdinaryWay
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -34,7 +39,7 @@ pytestmark = pytest.mark.anyio
 PATH = f"{ROOM}/readings"
 ROUTE = "/v1/machines/{machine}/readings"
 OTHER = "mcfv5051"
-"""A machine with the same sensors, to which the same is sent by the ordinary way."""
+"""A machine with the same sensors, to which the same is sent and looked at closely."""
 
 AS_JSON = {"content-type": "application/json"}
 
@@ -129,7 +134,7 @@ ODD = {
     "another": f"{text()} {text()}",
     "no UTF-8": b'{"time": "\xff"}',
     "with a mark": b"\xef\xbb\xbf" + text().encode(),
-    "too long": [at(-i, state={"filled": 0}) for i in range(LARGEST_PLAIN_BODY // 100)],
+    "too long": [at(-i, state={"filled": 0}) for i in range(_MOST_AT_ONCE + 1)],
 }
 
 
@@ -139,23 +144,40 @@ def written(body):
     return body.encode() if isinstance(body, str) else json.dumps(body).encode()
 
 
+CHECKED = TypeAdapter(OneOrMoreReadings)
+
+
 @pytest.fixture
 async def both(app):
-    """A client by the short way and one by the ordinary; a machine of its own for each."""
-    async with client_of(app) as short, client_of(OrdinaryWay(app)) as ordinary:
-        assert (await ordinary.post("/v1/machines", json=MACHINE | {"id": OTHER})).is_success
+    """A client, and a machine for each of two ways, in memory."""
+    async with client_of(app) as client:
+        assert (await client.post("/v1/machines", json=MACHINE | {"id": OTHER})).is_success
         for machine in (MACHINE["id"], OTHER):
             path = f"/v1/machines/{machine}/readings"
-            assert (await ordinary.post(path, json=at(-7200))).status_code == 201
-        yield short, ordinary
+            assert (await client.post(path, json=at(-7200))).status_code == 201
+        yield client
 
 
-async def by_both(both, body, headers=AS_JSON):
-    """Send the same both ways; give what is said, without the machine's name."""
+@contextmanager
+def looked_at_closely():
+    """Let nothing be plain: each reading is explained, and stored by who looks closer."""
+
+    async def never(*_asked):
+        return None
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schemas, "_MOST_AT_ONCE", -1)
+        patch.setattr(routes, "store_at_once", never)
+        yield
+
+
+async def by_both(client, body):
+    """Send the same at once and to be looked at; give what is said, without the machine's name."""
     answers = []
-    for client, machine in zip(both, (MACHINE["id"], OTHER), strict=True):
+    for machine, how in ((MACHINE["id"], nullcontext()), (OTHER, looked_at_closely())):
         path = f"/v1/machines/{machine}/readings"
-        answer = await client.post(path, content=written(body), headers=headers)
+        with how:
+            answer = await client.post(path, content=written(body), headers=AS_JSON)
         headed = {k: v for k, v in answer.headers.items() if k != "x-request-id"}
         said = answer.content.replace(OTHER.encode(), MACHINE["id"].encode())
         answers.append((answer.status_code, headed, said))
@@ -176,36 +198,28 @@ def kept(app, machine):
 
 
 @pytest.mark.parametrize("body", (PLAIN | ODD).values(), ids=PLAIN | ODD)
-async def test_both_ways_answer_and_store_alike(app, both, body):
+async def test_looked_at_or_not_it_is_answered_and_stored_alike(app, both, body):
     for _ in range(2):  # the second time they are there already
-        short, ordinary = await by_both(both, body)
-        assert short == ordinary
+        at_once, looked_at = await by_both(both, body)
+        assert at_once == looked_at
         assert kept(app, MACHINE["id"]) == kept(app, OTHER)
 
 
 @pytest.mark.parametrize("body", PLAIN.values(), ids=PLAIN)
-async def test_what_is_plain_and_new_takes_it(app, both, body):
-    answer = await store_plain(app.state.context, MACHINE["id"], written(body))
-    assert answer is not None
-    assert answer.status == 201
-    assert json.loads(answer.content)["stored"] >= 1
+async def test_what_is_right_and_new_is_stored_at_once(app, both, body):
+    sent = _checked(CHECKED, written(body))
+    stored = await store_at_once(app.state.context, MACHINE["id"], sent.readings)
+    assert stored.stored >= 1
 
 
-@pytest.mark.parametrize("body", [ODD[k] for k in ODD if k != "too long"])
-async def test_nothing_odd_takes_it(app, both, body):
-    before = kept(app, MACHINE["id"])
-    assert await store_plain(app.state.context, MACHINE["id"], written(body)) is None
-    assert kept(app, MACHINE["id"]) == before
-
-
-async def test_who_would_be_told_something_else_does_not_take_it(app, both, clock):
-    context, body = app.state.context, written(at(-60))
-    assert await store_plain(context, "nowhere", body) is None
+async def test_who_would_be_told_something_else_is_looked_at(app, both, clock):
+    context, sent = app.state.context, _checked(CHECKED, written(at(-60))).readings
+    assert await store_at_once(context, "nowhere", sent) is None
     context.live.database.note_trouble(TroubleKind.AWAY, clock())
-    assert await store_plain(context, MACHINE["id"], body) is None
+    assert await store_at_once(context, MACHINE["id"], sent) is None
     context.live.database.note_recovery()
-    assert await store_plain(context, MACHINE["id"], body) is not None
-    assert await store_plain(context, MACHINE["id"], body) is None, "it is there already"
+    assert (await store_at_once(context, MACHINE["id"], sent)).stored == 1
+    assert await store_at_once(context, MACHINE["id"], sent) is None, "it is there already"
 
 
 async def test_a_body_longer_than_the_service_allows_is_refused(new_app, furnished_url):
@@ -219,7 +233,7 @@ async def test_a_body_longer_than_the_service_allows_is_refused(new_app, furnish
 @pytest.mark.parametrize("size", [1, 2, 40])
 async def test_many_at_once_are_all_stored(app, both, size):
     bodies = [[at(-3600 + size * i + j) for j in range(size)] for i in range(MOST_TOGETHER + 30)]
-    answers = await asyncio.gather(*(both[0].post(PATH, json=body) for body in bodies))
+    answers = await asyncio.gather(*(both.post(PATH, json=body) for body in bodies))
     assert {a.status_code for a in answers} == {201}
     assert sum(a.json()["stored"] for a in answers) == size * len(bodies)
     stored, used, _ = kept(app, MACHINE["id"])
@@ -233,8 +247,8 @@ async def test_what_was_stored_elsewhere_meanwhile_is_found(app, both):
         with app.state.context.database.writing() as session:
             insert_readings(session, {machine: [there]})
     for body in (at(-30), [at(-31), at(-30)], [at(-29), at(-30, 23.0)]):
-        short, ordinary = await by_both(both, body)
-        assert short == ordinary
+        at_once, looked_at = await by_both(both, body)
+        assert at_once == looked_at
         assert kept(app, MACHINE["id"])[0] == kept(app, OTHER)[0]
 
 
@@ -251,14 +265,11 @@ async def test_what_keeps_it_from_being_stored_is_said_alike(both, monkeypatch, 
         raise error
 
     monkeypatch.setattr(service_of_readings, "readings_inserted", fails)
-    short, ordinary = await by_both(both, at(-60))
-    if status == 500:  # each says at which request the log has the details
-        short, ordinary = short[0], ordinary[0]
-        assert short == status
-    else:
-        assert short[0] == status
-        assert short[1]["retry-after"] == "5"
-    assert short == ordinary
+    at_once, looked_at = await by_both(both, at(-60))
+    assert at_once[0] == looked_at[0] == status
+    if status != 500:  # each says at which request the log has the details
+        assert at_once[1]["retry-after"] == "5"
+        assert at_once == looked_at
 
 
 async def test_others_are_answered_while_the_database_takes_its_time(both, monkeypatch):
@@ -271,17 +282,17 @@ async def test_others_are_answered_while_the_database_takes_its_time(both, monke
         return insert(*asked, **named)
 
     monkeypatch.setattr(service_of_readings, "readings_inserted", slow)
-    sent = asyncio.create_task(both[0].post(PATH, json=at(-60)))
+    sent = asyncio.create_task(both.post(PATH, json=at(-60)))
     while not began.is_set():
         await asyncio.sleep(0.01)
-    table = await both[0].post(f"{ROOM}/compensation", json={"temperatures_c": temperatures(24.0)})
+    table = await both.post(f"{ROOM}/compensation", json={"temperatures_c": temperatures(24.0)})
     assert table.status_code == 200
     assert not sent.done()
     goes_on.set()
     assert (await sent).status_code == 201
 
 
-async def test_it_is_counted_as_the_ordinary_way_is(both):
+async def test_it_is_counted(both):
     def count(metrics):
         wanted = f'method="POST",route="{ROUTE}",status="201"}}'
         return sum(
@@ -290,10 +301,9 @@ async def test_it_is_counted_as_the_ordinary_way_is(both):
             if line.startswith("thermap_requests_total") and wanted in line
         )
 
-    before = count(await both[0].get("/metrics"))
-    assert (await both[0].post(PATH, json=at(-60))).status_code == 201
-    assert (await both[1].post(PATH, json=at(-50))).status_code == 201
-    assert count(await both[0].get("/metrics")) == before + 2
+    before = count(await both.get("/metrics"))
+    assert (await both.post(PATH, json=at(-60))).status_code == 201
+    assert count(await both.get("/metrics")) == before + 1
 
 
 SENSORS = st.sampled_from(["spindle", "z-column", "x-middle", "y-front", "nose", "", "a:b"])
@@ -366,11 +376,11 @@ def two_machines(databases):
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(body=st.one_of(WRITTEN, WRITTEN, DAMAGED))
-def test_whatever_is_sent_both_ways_answer_and_store_alike(two_machines, body):
+def test_whatever_is_sent_is_answered_and_stored_alike(two_machines, body):
     async def send():
-        async with client_of(two_machines) as short, client_of(OrdinaryWay(two_machines)) as other:
-            return await by_both((short, other), body)
+        async with client_of(two_machines) as client:
+            return await by_both(client, body)
 
-    short, ordinary = asyncio.run(send())
-    assert short == ordinary
+    at_once, looked_at = asyncio.run(send())
+    assert at_once == looked_at
     assert kept(two_machines, MACHINE["id"]) == kept(two_machines, OTHER)
