@@ -16,7 +16,7 @@ from starlette.staticfiles import StaticFiles
 
 import app as package
 from app.api.access import AccessControl
-from app.api.connection_metrics import connection_metrics
+from app.api.connection_metrics import connection_metrics, receiver_metrics
 from app.api.gate import Gate
 from app.api.long_bodies import LongBodies
 from app.api.machine_metrics import machine_metrics
@@ -36,6 +36,7 @@ from app.api.routes import (
     fleet,
     geometry,
     health,
+    history,
     keys,
     login,
     machines,
@@ -45,6 +46,7 @@ from app.api.routes import (
     pictures,
     predictions,
     readings,
+    receivers,
     residuals,
     status,
     streams,
@@ -55,10 +57,12 @@ from app.api.service import ThermapService
 from app.api.streams import TableStreams
 from app.api.turns import SharedQuestion, Turns
 from app.connections.config import ConnectionsFile, read_connections
+from app.connections.notify_receiver import NotifyReceiver
 from app.connections.reports import ConnectionReports
 from app.connections.running import Connections
 from app.connections.serving_tables import expect_servable, serving_tables
 from app.services.access_keys import KeyFollower, KeyRing
+from app.services.bin_readings import ReadingBinner
 from app.services.context import Context, QueueLimits
 from app.services.events import AlarmLog
 from app.services.follow_database import DatabaseFollower
@@ -66,6 +70,7 @@ from app.services.judge_verifications import LateJudge
 from app.services.keep_readings import ReadingKeeper
 from app.services.machines import check_readiness
 from app.services.run_analyses import make_runner
+from app.services.tell_receivers import ReceiverTelling, show_receivers
 from app.services.watching_values import shop_values
 from app.settings import Settings, is_postgresql, make_own_folder
 from app.storage.database import Database
@@ -88,6 +93,7 @@ ROOMS = (
     measurements,
     models,
     readings,
+    history,
     verifications,
     verification_files,
     residuals,
@@ -95,6 +101,7 @@ ROOMS = (
     fleet,
     events,
     connections,
+    receivers,
     keys,
     health,
     dashboard,
@@ -142,10 +149,14 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     follower = DatabaseFollower(context, settings.refresh_s, context.database.on_keys_changed)
     runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
+    link = _own_address(settings)
+    telling = ReceiverTelling(context, [NotifyReceiver(one, link) for one in stated.notify])
     judge = LateJudge(context)
     keeper = ReadingKeeper(
         context, settings.keep_readings, settings.thin_readings_after, settings.thin_readings_to_s
     )
+
+    binner = ReadingBinner(context)
 
     @asynccontextmanager
     async def lifespan(_app: object) -> AsyncIterator[None]:
@@ -156,8 +167,10 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         follower.start()
         runner.start()
         alarms.start()
+        telling.start()
         judge.start()
         keeper.start()
+        binner.start()
         try:
             async with (
                 serving_tables(
@@ -171,8 +184,10 @@ def create_app(settings: Settings | None = None) -> ThermapService:
             # Together: where the database hangs, each takes as long as it may.
             await asyncio.gather(
                 run_in_threadpool(keeper.stop, STOP_S),
+                run_in_threadpool(binner.stop, STOP_S),
                 run_in_threadpool(judge.stop, STOP_S),
                 run_in_threadpool(alarms.stop, STOP_S),
+                run_in_threadpool(telling.stop, STOP_S),
                 run_in_threadpool(keys_follower.stop, STOP_S),
             )
             await run_in_threadpool(runner.stop, STOP_S)
@@ -231,6 +246,7 @@ def _set_state(
         lambda: (
             machine_metrics(shop_values(service.state.context))
             + connection_metrics(service.state.connection_reports.now, service.state.context.now())
+            + receiver_metrics(lambda: show_receivers(service.state.context))
         ),
         METRICS_S,
     )
@@ -248,6 +264,17 @@ def _set_state(
     service.state.max_body_bytes = settings.max_body_bytes
     service.state.patience_s = settings.patience_s
     service.state.forwarded_allow_ips = list(settings.forwarded_allow_ips)
+
+
+def _own_address(settings: Settings) -> str:
+    """Guess at which address people reach the service; empty where its port is not known yet."""
+    if not settings.port:
+        return ""
+    names = [name for name in settings.allowed_hosts if "*" not in name]
+    is_everywhere = settings.host in ("0.0.0.0", "::", "")
+    host = names[0] if names else socket.gethostname() if is_everywhere else settings.host
+    bracketed = f"[{host}]" if ":" in host else host
+    return f"http://{bracketed}:{settings.port}"
 
 
 def _allow_other_sites(service: ThermapService, origins: Sequence[str]) -> None:

@@ -211,6 +211,33 @@ class CheckAnswer(Shape):
     """By how much, + in that axis' direction [µm]"""
 
 
+class CheckMark(Shape):
+    """A verification over time."""
+
+    verification: int
+    """Number of the verification"""
+
+    label: str
+    """Its label"""
+
+    time: AwareDatetime
+    """When its last observation was made"""
+
+    status: str
+    """`within`, `beyond` or `not-judged`: what the watch said of it"""
+
+    summary: str
+    """The same in words"""
+
+    left_um: float | None
+    """What the active version leaves of its lengths, root mean square [µm]; null where it was not
+    asked for, or `why_not`
+    """
+
+    why_not: str
+    """Why nothing can be said of that"""
+
+
 class ComparedComponentAnswer(Shape):
     """How far a component in the files is from what should be there."""
 
@@ -264,6 +291,31 @@ class ComparisonAnswer(Shape):
 
     confidence_95: list[float] | None
     """Its 95 % confidence interval"""
+
+
+class CompensationCourse(Shape):
+    """The compensation at one place over time, as one model version has it."""
+
+    component: str
+    """Code of the component"""
+
+    position_mm: float | None
+    """Position along its axis [mm], null for a component without positions"""
+
+    unit: str
+    """Unit of the values"""
+
+    model_version: int | None
+    """The version by which all of it is computed: the active one; null where there is none"""
+
+    after_s: list[float]
+    """Times after `since`: the middles of bins, whose mean temperatures it is computed of [s]"""
+
+    values: list[float | None]
+    """Minus the error, in `unit`; null where it cannot be computed"""
+
+    warnings: list[str]
+    """What is not in it, and why"""
 
 
 class ComponentAnswer(TableEntry):
@@ -1533,6 +1585,50 @@ class ReadyAnswer(Shape):
     """
 
 
+class Receiver(Shape):
+    """Somebody who is told of alarms, and how that went."""
+
+    name: str
+    """Its name in the file"""
+
+    service: str
+    """What carries the messages, such as E-Mail"""
+
+    machines: list[str]
+    """Ids of the machines that it is told of; empty for all"""
+
+    trouble: str
+    """Why it is not told what it should be told, empty where nothing is the matter"""
+
+    trouble_since: AwareDatetime | None
+    """Since when, null without trouble"""
+
+    waiting: list[str]
+    """Ids of machines of which the next message will tell"""
+
+    sent_at: AwareDatetime | None
+    """When the last message was sent, null before the first"""
+
+    sent: str
+    """Its title"""
+
+    test_asked_at: AwareDatetime | None
+    """When somebody last asked for a test message, null where nobody did"""
+
+    tested_at: AwareDatetime | None
+    """When the last test message was tried"""
+
+    test_failure: str
+    """Why that could not be sent, empty where it was"""
+
+
+class Receivers(Shape):
+    """Everybody who is told of alarms."""
+
+    receivers: list[Receiver]
+    """By name"""
+
+
 class RefittedEffectAnswer(Shape):
     """What adopting the effects that help does to an effect that the model already has."""
 
@@ -1957,6 +2053,34 @@ class TargetAnswer(Shape):
 
     repeatability_um: float | None
     """Bidirectional repeatability R [µm]"""
+
+
+class TemperatureCourse(Shape):
+    """A sensor's temperatures in bins; bins without a reading are left out."""
+
+    sensor: str
+    """Sensor"""
+
+    max_age_s: float
+    """What is further apart is not joined: the sensor's `max_age_s` [s]"""
+
+    after_s: list[float]
+    """Where each bin begins, after `since` [s]; the first may begin before it"""
+
+    low_c: list[float]
+    """Lowest temperature of each bin [°C]"""
+
+    high_c: list[float]
+    """Highest temperature [°C]"""
+
+    mean_c: list[float]
+    """Mean of the readings [°C]"""
+
+    count: list[int]
+    """Number of readings"""
+
+    gap_s: list[float]
+    """Longest time without a reading in the bin or before it, up to the bin before [s]"""
 
 
 class TravelSchema(Shape):
@@ -2999,6 +3123,37 @@ class GridAnswer(AnswerHead):
 
     largest_um: float
     """Length that this difference exceeds nowhere in the grid [µm]"""
+
+
+class History(Shape):
+    """What happened to a machine between two times."""
+
+    machine: str
+    """Id of the machine"""
+
+    since: AwareDatetime
+    """The first time, UTC"""
+
+    until: AwareDatetime
+    """The last one"""
+
+    bin_s: float
+    """Width of the bins [s]"""
+
+    sensors: list[TemperatureCourse]
+    """Temperatures"""
+
+    compensation: CompensationCourse | None
+    """The compensation at the place that was asked for, null where none was"""
+
+    checks: list[CheckMark]
+    """Verifications, in order of time"""
+
+    events: list[Event]
+    """Alarms, versions and other changes, the newest first"""
+
+    notes: list[str]
+    """What is not shown, and why"""
 
 
 class LevelAnswer(Shape):

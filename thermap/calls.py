@@ -33,6 +33,7 @@ from thermap.answers import (
     ExportAnswer,
     GridAnswer,
     HealthAnswer,
+    History,
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
@@ -47,6 +48,8 @@ from thermap.answers import (
     PreviewAnswer,
     ReadingSchema,
     ReadyAnswer,
+    Receiver,
+    Receivers,
     RotaryErrorAnswer,
     SimulatedStepDiagonal,
     StoredReadings,
@@ -191,6 +194,16 @@ def status(machine_id: str) -> Call[MachineStatus]:
 def connections() -> Call[ConnectionsNow]:
     """GET /v1/connections."""
     return Call("GET", "/v1/connections", reader_of(ConnectionsNow))
+
+
+def receivers() -> Call[Receivers]:
+    """GET /v1/receivers."""
+    return Call("GET", "/v1/receivers", reader_of(Receivers))
+
+
+def test_receiver(name: str) -> Call[Receiver]:
+    """POST /v1/receivers/{name}/test."""
+    return Call("POST", f"/v1/receivers/{quote(name, safe='')}/test", reader_of(Receiver))
 
 
 def events(
@@ -389,6 +402,30 @@ def readings(
     return Call(
         "GET", of_machine(machine_id, "readings"), reader_of(list[ReadingSchema]), query=query
     )
+
+
+def history(
+    machine_id: str,
+    since: datetime | str | None,
+    until: datetime | str | None,
+    sensors: Iterable[str],
+    component: str | None,
+    position_mm: float | None,
+    points: int | None,
+    *,
+    residuals: bool,
+) -> Call[History]:
+    """GET …/history."""
+    query = {
+        "from": since,
+        "to": until,
+        "sensor": list(sensors) or None,
+        "component": component,
+        "position_mm": position_mm,
+        "points": points,
+        "residuals": "true" if residuals else None,
+    }
+    return Call("GET", of_machine(machine_id, "history"), reader_of(History), query=query)
 
 
 def withdrawn_readings(

@@ -7,18 +7,37 @@ from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
-from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client import CollectorRegistry, Gauge, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from app.connections.connection import Connection
 from app.connections.running import ConnectionsNow
 from app.errors import StorageUnavailable
+from app.services.tell_receivers import Receivers
 
 MOST_CONNECTIONS: Final = 1000
 """Connections whose values are given, the first by name: each is some eight time series."""
 
 LABELS: Final = ("connection", "kind")
+
+
+def receiver_metrics(ask: Callable[[], Receivers]) -> bytes:
+    """Write in Prometheus' text format who cannot be told of alarms; nothing where nobody says."""
+    try:
+        receivers = ask().receivers
+    except StorageUnavailable:
+        return b""
+    registry = CollectorRegistry()
+    trouble = Gauge(
+        "thermap_receiver_trouble",
+        "1 where a receiver of alarms cannot be told what it should be told",
+        ("receiver",),
+        registry=registry,
+    )
+    for one in receivers:
+        trouble.labels(one.name).set(float(bool(one.trouble)))
+    return generate_latest(registry) if receivers else b""
 
 
 def connection_metrics(ask: Callable[[], ConnectionsNow], now: datetime) -> bytes:

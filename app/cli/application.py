@@ -89,6 +89,9 @@ COMMANDS: Final = {
         "connections",
         "Show how connections beside HTTP fare, or check their file.",
     ),
+    "notify": Home(
+        "notify", "notify", "Show who is told of alarms and how that went, or send a test message."
+    ),
     "machines": Home("machines", "machines", "List, show, change and delete machines."),
     "maps": Home("maps", "maps", "List, show and delete error maps."),
     "models": Home("models", "models", "List, show, activate and compare model versions."),

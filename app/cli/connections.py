@@ -57,9 +57,11 @@ def check(
     """
     from app.connections.config import read_connections
 
-    found = read_connections(file).connections
-    number = counted(len(found), "connection")
-    echo(f"{file}: {number}: {list_names(one.name for one in found)}")
+    found = read_connections(file)
+    for what, named in (("connection", found.connections), ("receiver", found.notify)):
+        if named or what == "connection":
+            number = counted(len(named), what)
+            echo(f"{file}: {number}: {list_names(one.name for one in named)}")
 
 
 @connections.command()

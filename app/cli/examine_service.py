@@ -61,6 +61,7 @@ def examine_service(url: str, *, must_run: bool) -> Iterator[Finding]:
             yield from _readiness(thermap)
             yield from examine_machines(thermap.statuses())
             yield from _connections(thermap)
+            yield from _receivers(thermap)
         except NotAllowedError as error:
             yield warning(
                 "service", f"It tells no more without a key (THERMAP_KEY): {error.detail}"
@@ -167,6 +168,17 @@ def _connections(thermap: ThermapClient) -> Iterator[Finding]:
             f"{now.dropped} readings were dropped and {now.refused} values refused since the "
             f"service began{last}.",
         )
+
+
+def _receivers(thermap: ThermapClient) -> Iterator[Finding]:
+    for one in thermap.receivers().receivers:
+        about = f"receiver {one.name}"
+        if one.trouble:
+            waits = f"; {list_names(one.waiting, limit=5)} waits" if one.waiting else ""
+            yield trouble(about, f"It is not told of alarms: {one.trouble}{waits}.")
+        else:
+            last = f"{one.sent_at:%Y-%m-%d %H:%M} UTC" if one.sent_at else "none yet"
+            yield ok(about, f"It is told of alarms; the last message: {last}.")
 
 
 def _ask(url: str, path: str) -> httpx.Response:

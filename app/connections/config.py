@@ -13,6 +13,7 @@ from app.connections.connection import ConnectionTable, Table
 from app.connections.intake import Limits
 from app.connections.mqtt_tables import MqttTable
 from app.connections.mtconnect_connection import MtconnectTable
+from app.connections.notify_receiver import NotifyTable
 from app.connections.opcua_connection import OpcuaTable
 from app.connections.opcua_security import OpcuaServerTable
 from app.errors import FieldError, InvalidContent, repeated
@@ -37,6 +38,7 @@ class ConnectionsFile(Table):
     mtconnect: tuple[MtconnectTable, ...] = Field((), strict=False)
     opcua: tuple[OpcuaTable, ...] = Field((), strict=False)
     mqtt: tuple[MqttTable, ...] = Field((), strict=False)
+    notify: tuple[NotifyTable, ...] = Field((), strict=False, max_length=50)
     opcua_server: OpcuaServerTable | None = None
 
     @property
@@ -44,9 +46,14 @@ class ConnectionsFile(Table):
         """All connections, kind by kind."""
         return (*self.mtconnect, *self.opcua, *self.mqtt)
 
+    @property
+    def named(self) -> tuple[MtconnectTable | OpcuaTable | MqttTable | NotifyTable, ...]:
+        """All that has a name: connections, and receivers of alarms."""
+        return (*self.connections, *self.notify)
+
     @model_validator(mode="after")
     def _each_name_once(self) -> ConnectionsFile:
-        twice = repeated(table.name for table in self.connections)
+        twice = repeated(table.name for table in self.named)
         if twice:
             raise ValueError(f"expected each name once, got {twice[0]!r} again")
         return self
@@ -76,7 +83,7 @@ def read_connections(path: Path) -> ConnectionsFile:
         ]
         words = "; ".join(f"{one.field}: {one.message}".removeprefix(": ") for one in errors[:5])
         raise InvalidContent(f"config: {path}: {words}", errors) from None
-    for table in found.connections:
+    for table in found.named:
         if find_spec(table.library) is None:
             raise InvalidContent(
                 f"config: {path}: {table.name!r} needs the extra {table.extra}: "
@@ -88,7 +95,9 @@ def read_connections(path: Path) -> ConnectionsFile:
     return found
 
 
-def _expect_usable(path: Path, where: str, table: ConnectionTable | OpcuaServerTable) -> None:
+def _expect_usable(
+    path: Path, where: str, table: ConnectionTable | NotifyTable | OpcuaServerTable
+) -> None:
     try:
         table.expect_usable()
     except ValueError as why:

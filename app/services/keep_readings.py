@@ -15,6 +15,7 @@ from app.storage.limits import LONG
 from app.storage.machines import RowLock, find_machine, machine_ids
 from app.storage.partitions import drop_months, make_months, months_made
 from app.storage.readings import delete_some_readings
+from app.storage.temperature_hours import delete_hours
 from app.storage.verifications import first_observation
 
 log = logging.getLogger("thermap")
@@ -124,6 +125,7 @@ class ReadingKeeper(Background):
                 with self._context.database.writing() as session:
                     find_machine(session, machine_id, RowLock.KEPT)
                     count = delete_some_readings(session, machine_id, before, SLICE)
+                    delete_hours(session, machine_id, before)
             except UnknownThing:
                 break
             total += count

@@ -72,6 +72,7 @@ def predict_errors(
     version_number: int | None = None,
     *,
     missing_as_zero: bool = False,
+    readings: Sequence[Reading] | None = None,
 ) -> Predictions:
     """Predict the error of each observation.
 
@@ -81,6 +82,8 @@ def predict_errors(
         The model version; None for the active one.
     missing_as_zero
         Whether components that a point needs and no two maps have may count as zero.
+    readings
+        What to go by, in order of time; None for the stored ones.
 
     Raises
     ------
@@ -90,7 +93,7 @@ def predict_errors(
         If a component is not in the model, a position outside the axis' travel, or a point
         needs a component that no two maps have.
     """
-    machine, version, readings = _read(context, machine_id, observations, version_number)
+    machine, version, readings = _read(context, machine_id, observations, version_number, readings)
     model, effects = compile_version(machine, version), adopted_effects(version)
     _check_positions(machine, observations)
     conditions = _conditions(machine, readings, observations)
@@ -151,13 +154,16 @@ def _read(
     machine_id: str,
     observations: Sequence[ErrorQuestion],
     version_number: int | None,
-) -> tuple[Machine, ModelVersion, list[Reading]]:
+    instead: Sequence[Reading] | None,
+) -> tuple[Machine, ModelVersion, Sequence[Reading]]:
     """Read the machine, the version, and the readings around the observations.
 
     They go back as far as the version's effects need the past.
     """
     with context.database.reading() as session:
         machine, version = choose_version(session, machine_id, version_number)
+        if instead is not None:
+            return machine, version, instead
         around = timedelta(seconds=record_needed_s(machine.sensors.values()))
         before = timedelta(seconds=needed_past(adopted_effects(version)).record_s)
         readings = list_readings(

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from sqlalchemy import delete, false, func, literal_column, or_, select
+from sqlalchemy import and_, delete, false, func, literal_column, or_, select
 from sqlalchemy.orm import Session
 
 from app.access.authorization import key_asking
@@ -129,6 +129,29 @@ def lasting_events(session: Session) -> list[Event]:
     """List what has come and not gone, of all machines, the oldest first."""
     query = select(EventRow).where(*_LASTS).order_by(EventRow.id)
     return [_event(row) for row in session.scalars(query)]
+
+
+class NumberedAlarm(NamedTuple):
+    """An alarm, and the number that its entry has now."""
+
+    number: int
+    event: Event
+
+
+def alarms_since(session: Session, number: int, ids: Collection[int]) -> list[NumberedAlarm]:
+    """List alarms that last, those whose entry has a larger number, and some by their id."""
+    of_interest = or_(EventRow.number > number, EventRow.id.in_(ids))
+    found: dict[int, NumberedAlarm] = {}
+    for condition in (and_(*_LASTS), of_interest):
+        query = select(EventRow).where(condition, EventRow.kind == str(EventKind.ALARM))
+        for row in session.scalars(query):
+            found[row.id] = NumberedAlarm(row.number or 0, _event(row))
+    return [found[i] for i in sorted(found)]
+
+
+def newest_number(session: Session) -> int:
+    """Give the largest number that an entry of the log has, 0 without any."""
+    return session.scalar(select(func.max(EventRow.number))) or 0
 
 
 def delete_old_alarms(session: Session, now: datetime) -> None:

@@ -18,6 +18,7 @@ from app.storage.database import MOMENT, Database
 from app.storage.machines import hold_machines
 from app.storage.news import NewsKind, tell, told_of
 from app.storage.tables import MachineRow, ReadingRow, WithdrawnReadingRow
+from app.storage.temperature_hours import mark_stale
 from app.thermal.reading import Reading
 
 SEARCHED = 2000
@@ -403,6 +404,7 @@ def withdraw_stored(
     )
     count = gone.rowcount
     if count:
+        mark_stale(session, machine.id, since, until)
         machine.withdrawals += 1
         tell(session, NewsKind.MACHINE, machine.id)
     return count

@@ -225,6 +225,35 @@ class ReadingRow(Base):
     early_s: Mapped[float | None]
 
 
+class TemperatureHourRow(Base):
+    """An hour of a machine's readings in bins of a minute (`app.thermal.temperature_bins`).
+
+    `minutes` says of each sensor how many bins it has, in the order in which they stand in `bins`;
+    `whole` has the hour as one bin, sensor by sensor. Where `is_stale` readings of the hour were
+    withdrawn since.
+    """
+
+    __tablename__ = "temperature_hour"
+
+    machine_id: Mapped[str] = mapped_column(
+        ForeignKey("machine.id", ondelete="CASCADE"), primary_key=True
+    )
+    hour: Mapped[datetime] = mapped_column(primary_key=True)
+    is_stale: Mapped[bool]
+    minutes: Mapped[dict[str, Any]]
+    whole: Mapped[FloatArray]
+    bins: Mapped[FloatArray]
+
+
+class TemperatureHoursDoneRow(Base):
+    """Up to which number readings are in `temperature_hour`: one row, or none before the first."""
+
+    __tablename__ = "temperature_hours_done"
+
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    number: Mapped[int] = mapped_column(BigInteger)
+
+
 class WithdrawnReadingRow(Base):
     """A reading that somebody withdrew, under its old number, so that no query meets it.
 
@@ -369,6 +398,32 @@ class ConnectionReportRow(Base):
     owner: Mapped[str] = mapped_column(String(200), primary_key=True)
     told_at: Mapped[datetime]
     content: Mapped[str] = mapped_column(Text)
+
+
+class ReceiverRow(Base):
+    """One who is told of alarms, and what was told; `name` is that of the file of connections.
+
+    `announced` says of which machines the receiver knows that they have alarms, and which. Alarms
+    whose entry in the event log has a number up to `settled` and that are not lasting are dealt
+    with. `test_asked_at` is set by whoever asks for a test message, all else by who sends.
+    """
+
+    __tablename__ = "receiver"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    service: Mapped[str] = mapped_column(String(64))
+    machines: Mapped[list[Any]]
+    announced: Mapped[dict[str, Any]]
+    settled: Mapped[int] = mapped_column(BigInteger)
+    waiting: Mapped[list[Any]]
+    looked_at: Mapped[datetime]
+    sent_at: Mapped[datetime | None]
+    sent: Mapped[str] = mapped_column(Text)
+    failing_since: Mapped[datetime | None]
+    failure: Mapped[str] = mapped_column(Text)
+    test_asked_at: Mapped[datetime | None]
+    tested_at: Mapped[datetime | None]
+    test_failure: Mapped[str] = mapped_column(Text)
 
 
 _LASTS = text("until IS NULL AND subject <> ''")

@@ -39,6 +39,7 @@ def test_the_example_is_a_file_of_connections(tmp_path, monkeypatch):
     monkeypatch.setenv("THERMAP_PLC_PASSWORD", "secret")
     monkeypatch.setenv("THERMAP_PRESS_PASSWORD", "secret")
     monkeypatch.setenv("THERMAP_MQTT_PASSWORD", "secret")
+    monkeypatch.setenv("THERMAP_NOTIFY_URL", "jsons://chat.example.org/token")
     write_certificates(tmp_path)
     for name, given in (("server.pem", "thermap-1.pem"), ("server.key", "thermap-1.key")):
         (tmp_path / name).rename(tmp_path / given)

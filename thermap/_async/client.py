@@ -34,6 +34,7 @@ from thermap.answers import (
     FleetAnswer,
     GridAnswer,
     HealthAnswer,
+    History,
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
@@ -53,6 +54,8 @@ from thermap.answers import (
     PreviewAnswer,
     ReadingSchema,
     ReadyAnswer,
+    Receiver,
+    Receivers,
     ResidualsAnswer,
     RotaryAxisAnswer,
     RotaryErrorAnswer,
@@ -325,9 +328,43 @@ class AsyncThermapClient:
         """List readings in order of time, at most one in `every_s` seconds [s]."""
         return await self.send(calls.readings(machine, since, until, every_s, limit))
 
+    async def history(
+        self,
+        machine: str,
+        since: datetime | str | None = None,
+        until: datetime | str | None = None,
+        *,
+        sensors: Sequence[str] = (),
+        component: str | None = None,
+        position_mm: float | None = None,
+        points: int | None = None,
+        residuals: bool = False,
+    ) -> History:
+        """Show temperatures over hours to years in bins, checks, events, and more if it is wanted.
+
+        Parameters
+        ----------
+        component, position_mm
+            Where the compensation is wanted, too [mm].
+        points
+            At most about so many bins.
+        residuals
+            Whether it is wanted what the active version leaves of the latest checks.
+        """
+        asked = (machine, since, until, sensors, component, position_mm, points)
+        return await self.send(calls.history(*asked, residuals=residuals))
+
     async def connections(self) -> ConnectionsNow:
         """Say how what the service reads beside HTTP fares."""
         return await self.send(calls.connections())
+
+    async def receivers(self) -> Receivers:
+        """List who is told of alarms, and how that went."""
+        return await self.send(calls.receivers())
+
+    async def test_receiver(self, name: str) -> Receiver:
+        """Ask for a test message; whether it arrived, `receivers` says some seconds later."""
+        return await self.send(calls.test_receiver(name))
 
     async def events(
         self,

@@ -20,6 +20,7 @@ from app.pages.dashboard.compared_residuals import compared_residuals
 from app.pages.dashboard.events import events_page
 from app.pages.dashboard.export import export_page
 from app.pages.dashboard.fleet import fleet_page
+from app.pages.dashboard.history import history_page
 from app.pages.dashboard.loop import left_of_check, loop_page
 from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_preview
 from app.pages.dashboard.pages import machine_page, machines_page
@@ -38,6 +39,7 @@ from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
 from app.services.setup import show_setup
 from app.services.status import show_status
+from app.services.tell_receivers import show_receivers
 from app.services.volume import show_volume
 
 
@@ -207,6 +209,13 @@ def get_withdrawal_preview(
     return Page(withdrawal_preview(preview, stored), scripts=0, headers=_HEADERS)
 
 
+@router.get("/machines/{machine}/history", response_class=Page)
+def get_history(context: ContextDep, machine: MachinePath) -> Page:
+    """Show a machine over time; the address says what and when, for the page's own script."""
+    view = show_machine_view(context, machine)
+    return Page(history_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
 @router.get("/machines/{machine}/events", response_class=Page)
 def get_events(
     context: ContextDep,
@@ -220,5 +229,6 @@ def get_events(
     status = show_status(context, machine)
     kinds = [EventKind(kind)] if kind else []
     found = show_events(context, machine, kinds=kinds, before=before, limit=100)
-    page = events_page(status, found, context.now(), kind, before)
+    receivers = show_receivers(context, machine).receivers
+    page = events_page(status, found, receivers, context.now(), kind, before)
     return Page(page, scripts=0, headers=_HEADERS)

@@ -5,7 +5,7 @@ const FIXED = [
   ["↑ ↓", "row", "[data-row]"],
   ["Enter", "open", "[data-row]"],
   ["Esc", "back", "[data-back]"],
-  ["1–6", "pages of the machine", "[data-page]"],
+  ["1–7", "pages of the machine", "[data-page]"],
   ["T", "whole table", "#whole"],
   ["F", "far view", "table.machines"],
 ];

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Final
 from urllib.parse import urlencode
@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 from app.events.event import Event, EventKind, Events
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
+from app.services.tell_receivers import Receiver
 from app.status.machine_status import MachineStatus, State
 
 KINDS: Final[Mapping[str, str]] = {
@@ -26,12 +27,19 @@ KINDS: Final[Mapping[str, str]] = {
 
 
 def events_page(
-    status: MachineStatus, found: Events, now: datetime, kind: str = "", before: int | None = None
+    status: MachineStatus,
+    found: Events,
+    receivers: Sequence[Receiver],
+    now: datetime,
+    kind: str = "",
+    before: int | None = None,
 ) -> str:
     """Write the page of a machine's log.
 
     Parameters
     ----------
+    receivers
+        Who is told of the machine's alarms.
     kind
         One of `KINDS` that the list is held to; empty for all.
     before
@@ -48,6 +56,7 @@ def events_page(
         chosen=kind,
         is_newest=before is None,
         lasting=[row for row in map(event_row, found.events) if row["lasts"]],
+        receivers=receivers,
         rows=[event_row(event) for event in found.events],
         older=None if found.next is None else urlencode(only | {"before": found.next}),
         csv=urlencode(only | {"limit": 10_000, "format": "csv"}),

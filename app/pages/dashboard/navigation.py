@@ -10,6 +10,7 @@ MACHINE_PAGES: Final[tuple[tuple[str, str], ...]] = (
     ("/loop", "Loop"),
     ("/maps", "Maps and versions"),
     ("/volume", "Volume"),
+    ("/history", "History"),
     ("/events", "Events"),
     ("/setup", "Set-up"),
 )
