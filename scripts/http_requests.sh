@@ -100,6 +100,12 @@ curl http://127.0.0.1:8000/v1/machines/mcfv5050/error-maps
 # 200
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/error-maps/1
 
+# 200: the same as a file, which can be stored again
+curl http://127.0.0.1:8000/v1/machines/mcfv5050/error-maps/1/file
+
+# 200: an empty file to fill in, with the machine's sensors and components
+curl "http://127.0.0.1:8000/v1/machines/mcfv5050/files/template?kind=check"
+
 # 200: which sensor each component follows
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/sensor-assignment
 
@@ -306,6 +312,9 @@ curl http://127.0.0.1:8000/v1/machines/practice/verifications
 
 # 200
 curl http://127.0.0.1:8000/v1/machines/practice/verifications/1
+
+# 200: the same as a file
+curl http://127.0.0.1:8000/v1/machines/practice/verifications/1/file
 
 # 200: what the model leaves of it
 curl http://127.0.0.1:8000/v1/machines/practice/verifications/1/residuals

@@ -293,6 +293,11 @@ def error_map(machine_id: str, map_id: int) -> Call[ErrorMapAnswer]:
     return Call("GET", of_machine(machine_id, "error-maps", map_id), reader_of(ErrorMapAnswer))
 
 
+def error_map_file(machine_id: str, map_id: int) -> Call[str]:
+    """GET …/error-maps/{id}/file, as CSV."""
+    return Call("GET", of_machine(machine_id, "error-maps", map_id, "file"), _read_text)
+
+
 def delete_error_map(machine_id: str, map_id: int) -> Call[None]:
     """DELETE …/error-maps/{id}."""
     return Call("DELETE", of_machine(machine_id, "error-maps", map_id), nothing)
@@ -576,6 +581,12 @@ def picture(machine_id: str, question: Content) -> Call[dict[str, Any]]:
 
 
 # -- measurements --------------------------------------------------------------------------
+
+
+def file_template(machine_id: str, kind: str) -> Call[str]:
+    """GET …/files/template, as CSV."""
+    path = of_machine(machine_id, "files", "template")
+    return Call("GET", path, _read_text, query={"kind": kind})
 
 
 def import_file(

@@ -52,6 +52,12 @@ def verification(machine_id: str, number: int) -> Call[WholeVerificationAnswer]:
     return Call("GET", path, reader_of(WholeVerificationAnswer))
 
 
+def verification_file(machine_id: str, number: int) -> Call[str]:
+    """GET …/verifications/{id}/file, as CSV."""
+    path = of_machine(machine_id, "verifications", number, "file")
+    return Call("GET", path, lambda response: response.text)
+
+
 def delete_verification(machine_id: str, number: int) -> Call[None]:
     """DELETE …/verifications/{id}."""
     return Call("DELETE", of_machine(machine_id, "verifications", number), nothing)

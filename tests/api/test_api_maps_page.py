@@ -60,6 +60,23 @@ async def test_a_file_is_shown_before_it_is_stored_and_then_waits(client):
     assert again.status_code == 200
 
 
+async def test_a_stored_map_and_check_are_shown_and_can_be_downloaded(client):
+    page = await shown(client, f"{MAPS}/1")
+    assert "Run #1" in page.text
+    assert "In the active version." in page.text
+    assert f"{ROOM}/error-maps/1/file" in page.addresses
+    problem(await client.get(f"{MAPS}/99"), 404)
+    await feed(client, reading(START, 27.0))
+    observation = {"time": iso(START), "component": "EXX", "position_mm": 250.0, "measured_um": 4.5}
+    check = {"label": "<b>night</b>", "observations": [observation]}
+    stored = await client.post(f"{ROOM}/verifications", json=check)
+    assert stored.status_code == 201, stored.text
+    page = await shown(client, "/machines/mcfv5050/loop/checks/1")
+    assert "<b>night</b>" in page.text
+    assert f"{ROOM}/verifications/1/file" in page.addresses
+    problem(await client.get("/machines/mcfv5050/loop/checks/99"), 404)
+
+
 async def test_what_is_wrong_in_a_file_is_said_with_line_and_column(client):
     route = f"{ROOM}/error-maps/from-file"
     for path in (route, PREVIEW):

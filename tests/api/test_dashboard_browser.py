@@ -26,7 +26,7 @@ pytestmark = [
     ),
 ]
 
-PAGES = ("loop", "maps", "volume", "history", "events", "setup")
+PAGES = ("loop", "maps", "maps/1", "volume", "history", "events", "setup")
 SHOWN = ("mcfv5050", "second", *(f"mcfv5050/{page}" for page in PAGES))
 
 CHECK = {

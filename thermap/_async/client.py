@@ -250,6 +250,14 @@ class AsyncThermapClient:
         """Show one error map by its number."""
         return await self.send(calls.error_map(machine, map_id))
 
+    async def error_map_file(self, machine: str, map_id: int) -> str:
+        """Write one error map as the CSV file that `import_file` reads."""
+        return await self.send(calls.error_map_file(machine, map_id))
+
+    async def file_template(self, machine: str, kind: Literal["map", "check"] = "map") -> str:
+        """Write an empty file of the machine's sensors, axes and components, as CSV."""
+        return await self.send(calls.file_template(machine, kind))
+
     async def delete_error_map(self, machine: str, map_id: int) -> None:
         """Take an error map out of use; older model versions keep it."""
         return await self.send(calls.delete_error_map(machine, map_id))
@@ -640,6 +648,10 @@ class AsyncThermapClient:
     async def verification(self, machine: str, verification_id: int) -> WholeVerificationAnswer:
         """Show one verification with its observations."""
         return await self.send(loop_calls.verification(machine, verification_id))
+
+    async def verification_file(self, machine: str, verification_id: int) -> str:
+        """Write one verification as the CSV file that `import_file` reads."""
+        return await self.send(loop_calls.verification_file(machine, verification_id))
 
     async def delete_verification(self, machine: str, verification_id: int) -> None:
         """Delete a verification; analyses of it keep their results."""

@@ -248,6 +248,14 @@ class ThermapClient:
         """Show one error map by its number."""
         return self.send(calls.error_map(machine, map_id))
 
+    def error_map_file(self, machine: str, map_id: int) -> str:
+        """Write one error map as the CSV file that `import_file` reads."""
+        return self.send(calls.error_map_file(machine, map_id))
+
+    def file_template(self, machine: str, kind: Literal["map", "check"] = "map") -> str:
+        """Write an empty file of the machine's sensors, axes and components, as CSV."""
+        return self.send(calls.file_template(machine, kind))
+
     def delete_error_map(self, machine: str, map_id: int) -> None:
         """Take an error map out of use; older model versions keep it."""
         return self.send(calls.delete_error_map(machine, map_id))
@@ -628,6 +636,10 @@ class ThermapClient:
     def verification(self, machine: str, verification_id: int) -> WholeVerificationAnswer:
         """Show one verification with its observations."""
         return self.send(loop_calls.verification(machine, verification_id))
+
+    def verification_file(self, machine: str, verification_id: int) -> str:
+        """Write one verification as the CSV file that `import_file` reads."""
+        return self.send(loop_calls.verification_file(machine, verification_id))
 
     def delete_verification(self, machine: str, verification_id: int) -> None:
         """Delete a verification; analyses of it keep their results."""

@@ -9,7 +9,14 @@ from starlette.responses import Response
 
 from app.api.access import sees
 from app.api.bodies import BodyRoute
-from app.api.dependencies import ContextDep, FleetQuestionQuery, MachinePath, VersionPath
+from app.api.dependencies import (
+    ContextDep,
+    FleetQuestionQuery,
+    MachinePath,
+    MapPath,
+    VerificationPath,
+    VersionPath,
+)
 from app.api.pages import Page
 from app.api.router import Router
 from app.api.routes.events import BeforeQuery
@@ -25,6 +32,7 @@ from app.pages.dashboard.loop import left_of_check, loop_page
 from app.pages.dashboard.maps import activation_preview, maps_page, withdrawal_preview
 from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.setup import Source, new_machine_page, setup_page
+from app.pages.dashboard.stored import stored_check_page, stored_map_page
 from app.pages.dashboard.volume import volume_page
 from app.pages.reader_zone import COOKIE, read_zone
 from app.services.compared_checks import show_compared_checks
@@ -34,12 +42,13 @@ from app.services.error_maps import preview_withdrawal
 from app.services.events import show_events
 from app.services.fleet import show_fleet
 from app.services.loop import show_left_of_check, show_loop
-from app.services.machines import show_error_map
+from app.services.machines import show_error_map, show_machine
 from app.services.maps_view import show_maps_view
 from app.services.models import preview_model_activation
 from app.services.setup import show_setup
 from app.services.status import show_status
 from app.services.tell_receivers import show_receivers
+from app.services.verifications import show_verification
 from app.services.volume import show_volume
 
 
@@ -214,6 +223,26 @@ def get_history(context: ContextDep, machine: MachinePath) -> Page:
     """Show a machine over time; the address says what and when, for the page's own script."""
     view = show_machine_view(context, machine)
     return Page(history_page(view, context.now()), scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/maps/{map_id}", response_class=Page)
+def get_stored_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> Page:
+    """Show one stored map: what was measured, drawn, and to be downloaded."""
+    stored, in_use = show_error_map(context, machine, map_id)
+    described = show_machine(context, machine).machine
+    page = stored_map_page(described, stored, context.now(), in_use=in_use)
+    return Page(page, scripts=0, headers=_HEADERS)
+
+
+@router.get("/machines/{machine}/loop/checks/{verification_id}", response_class=Page)
+def get_stored_check(
+    context: ContextDep, machine: MachinePath, verification_id: VerificationPath
+) -> Page:
+    """Show one stored check, as it was measured."""
+    _, check = show_verification(context, machine, verification_id)
+    described = show_machine(context, machine).machine
+    page = stored_check_page(described, verification_id, check, context.now())
+    return Page(page, scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/events", response_class=Page)
