@@ -30,6 +30,12 @@ curl http://127.0.0.1:8000/v1/machines/mcfv5050/status
 # 200: how what the service reads beside HTTP fares
 curl http://127.0.0.1:8000/v1/connections
 
+# 200: who is told of alarms, and how that went
+curl http://127.0.0.1:8000/v1/receivers
+
+# 404: no file of connections names a receiver here
+curl -X POST http://127.0.0.1:8000/v1/receivers/maintenance/test
+
 # 200: what happened to it
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/events
 
@@ -93,6 +99,9 @@ curl -X POST "http://127.0.0.1:8000/v1/machines/mcfv5050/compensation/compare?co
 
 # 200: the oldest three, at most one a minute
 curl "http://127.0.0.1:8000/v1/machines/mcfv5050/readings?every_s=60&limit=3"
+
+# 200: the same over hours to years, in bins; as a table with Accept: text/csv
+curl "http://127.0.0.1:8000/v1/machines/mcfv5050/history?sensor=x-middle"
 
 # 200
 curl http://127.0.0.1:8000/v1/machines/mcfv5050/error-maps

@@ -20,7 +20,7 @@ from app.answer import Answer
 from app.errors import StorageUnavailable, UnknownThing, existing_names
 from app.events.event import Event
 from app.services.background import Background
-from app.services.context import Context
+from app.services.context import Context, repeated
 from app.services.status import Stored, machine_in_memory, status_of, stored_of_machines
 from app.status.alarm_message import MachineNews, Message, News, alarm_message, trial_message
 from app.status.machine_status import MachineStatus, State, Verdict
@@ -156,6 +156,7 @@ def show_receivers(context: Context, machine_id: str | None = None) -> Receivers
     return Receivers(tuple(found))
 
 
+@repeated
 def ask_for_test_message(context: Context, name: str, seen: Collection[str]) -> Receiver:
     """Ask for a test message; whoever sends sends it within seconds.
 

@@ -197,6 +197,9 @@ async def test_deleting_a_machine_deletes_everything_of_it_and_of_no_other(clien
         "access_key": 0,
         "browser_session": 0,
         "connection_report": 0,
+        "receiver": 0,
+        "temperature_hour": 0,
+        "temperature_hours_done": 0,
     }
 
 

@@ -189,15 +189,18 @@ def test_candidates_of_one_layout_are_what_each_is_by_itself():
         for key in ("both", "first", "second")
     ]
     wanted = [(candidate, theta) for candidate in candidates for theta in candidate.grid]
-    together = problem.terms(wanted)
-    assert [(term.candidate, term.theta) for term in together] == wanted
-    assert {term.channels for term in together} == {(0, 1), (0,)}
-    for term, one in zip(together, wanted, strict=True):
+    together = problem.side_by_side(wanted)
+    numbers = np.array(list(together.columns))
+    shown = [tuple(numbers[here].tolist()) for here in together.shows.T]
+    assert set(shown) == {(0, 1), (0,)}
+    for i, one in enumerate(wanted):
         alone = problem.term(*one)
-        assert (term.channels, term.size) == (alone.channels, alone.size)
-        np.testing.assert_allclose(term.norms, alone.norms, rtol=1e-12)
+        own = slice(together.starts[i], together.ends[i])
+        assert (shown[i], own.stop - own.start) == (alone.channels, alone.size)
+        np.testing.assert_allclose(together.norms[own], alone.norms, rtol=1e-12)
         for c, columns in alone.columns.items():
-            np.testing.assert_allclose(term.columns[c], columns, rtol=1e-12, atol=1e-14)
+            laid_out = together.columns[c][:, own]
+            np.testing.assert_allclose(laid_out, columns, rtol=1e-12, atol=1e-14)
     library = read_library(problem, candidates, None)
     assert [(e.candidate, e.theta) for e in library.entries] == [
         (number, theta) for number in range(3) for theta in (0.25, 0.5)

@@ -26,6 +26,7 @@ from app.storage.tables import (
     ModelVersionMapRow,
     ModelVersionRow,
     ReadingRow,
+    TemperatureHourRow,
 )
 from app.storage.verifications import insert_verification
 from app.storage.watches import write_watch
@@ -121,10 +122,16 @@ def fill(database, machine_id):
         stored = insert_verification(session, machine_id, seen, not_judged(None, "no maps"), START)
         write_watch(session, machine_id, 1, WatchState(), START)
         insert_analysis(session, machine_id, AnalysisTask(1, [stored.id], 0.3, None, 0), START)
+        bins = {"whole": frozen([20.0]), "bins": frozen([20.0]), "minutes": {"a": 1}}
+        hour = {"machine_id": machine_id, "hour": START, "is_stale": False, **bins}
+        session.execute(insert(TemperatureHourRow).values(**hour))
         return maps
 
 
-OF_THE_SERVICE = {"access_key", "browser_session", "event", "connection_report"}
+OF_THE_SERVICE = {
+    *("access_key", "browser_session", "event", "connection_report"),
+    *("receiver", "temperature_hours_done"),
+}
 TABLES_OF_MACHINES = [t for t in Base.metadata.sorted_tables if t.name not in OF_THE_SERVICE]
 """Keys are not a machine's, and what happened to one stays in the log."""
 

@@ -31,6 +31,7 @@ NEW_SETTINGS = {
 LATER = (
     *("verification", "analysis", "watch", "withdrawn_reading"),
     *("access_key", "browser_session", "event", "connection_report"),
+    *("receiver", "temperature_hour", "temperature_hours_done"),
 )
 """Tables that came after it too."""
 
