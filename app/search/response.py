@@ -3,7 +3,7 @@
 What the model leaves of set-up i, counted from its zero where it has one, is
 
     y_i(t) = Φ_i(t) [μ + Σ_g W_g b_g(i)] + wander_i(t) + white noise,
-    b_g(i) = s_g [common_g + ν drift_g(day_i) + ρ own_g,i],    each entry normal(0, 1),
+    b_g(i) = s_g [common_g + κ ν drift_g(day_i) + κ ρ own_g,i],    each entry normal(0, 1),
     cov[drift(d), drift(d')] = exp(−|d − d'| / l),
 
 with drivers Φ in natural units (a kelvin, a micrometre of the maps) and the directions W_g in which
@@ -12,9 +12,14 @@ So a driver beyond what was seen makes a prediction unsure, and no rule has to s
 set-ups little is believed. Set-ups on days near each other have more in common, which is what a
 machine that changes leaves of an average.
 
-s_g, ν, l, ρ and the noise maximise the marginal likelihood times the weak priors below (Rasmussen
-and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4). A set-up unlike
-all others counts less: its own part and its noise have Student's t, as a scale mixture.
+Coefficients of collinear drivers are far larger than what they do together, since they cancel. κ²,
+the share of the values' variance in what s_g common_g alone would make, takes that off: ν and ρ are
+shares of the response.
+
+The logarithms of s_g, ν, l, ρ and the noise maximise the marginal likelihood times the weak priors
+below (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4).
+A set-up unlike all others counts less: its own part and its noise have Student's t, as a scale
+mixture.
 """
 
 from __future__ import annotations
@@ -33,10 +38,10 @@ from scipy.special import ndtr
 from app.arrays import FloatArray, IntArray, rms
 from app.search.wander import Wander
 
-OWN: Final = (0.15, 1.0)
-DRIFT: Final = (0.15, 1.0)
+OWN: Final = (0.2, 1.0)
+DRIFT: Final = (0.2, 1.0)
 """ρ and ν, and one standard deviation of their logarithms: repeated warm-ups of one machine differ
-by a tenth to a fifth of themselves."""
+by a fifth of themselves, or as little as a tenth, or by half."""
 
 DRIFT_SPAN: Final = (1.0 / 3.0, 0.7)
 """l as a share of the time from the first set-up to the last: what changes far quicker is `own`,
@@ -49,7 +54,7 @@ foundation move within hours."""
 
 START_SHARE: Final = 0.3
 """s_g begins at this share of what would explain everything alone. Its prior is exponential with
-that unit as its mean: a group that is not needed costs nothing and goes to 0."""
+that unit as its mean."""
 
 FREEDOM: Final = 4.0
 """Degrees of freedom of Student's t: a set-up that is off by five standard deviations counts a
@@ -60,9 +65,6 @@ STEPS, MORE_STEPS = 40, 20
 
 WITHIN: Final = (7.0, 5.0)
 """A logarithm stays within so much below and above where it begins."""
-
-CURVED: Final = 0.1
-"""Step of a logarithm over which the curvature of the misfit is taken."""
 
 HALVINGS: Final = 30
 """A correction is found to a thousand millionth of the range in which it lies."""
@@ -157,12 +159,15 @@ class Response:
     def covariance(self, scales: Scales) -> FloatArray:
         """Give the covariance of all rows, shape (n, n)."""
         shared = np.tensordot(scales.groups**2, self._grams, 1)
-        drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
-        result: FloatArray = shared * (1.0 + drift + scales.own**2 * self._same)
+        result: FloatArray = shared * (1.0 + self.share(scales.groups) * self._unlike(scales))
         for rows, times_min, is_zeroed in self._blocks:
             noise = scales.noise.covariance(times_min, is_zeroed=is_zeroed)
             result[rows, rows] += self._same[rows, rows] * noise
         return result
+
+    def share(self, groups: FloatArray) -> float:
+        """Say which share of the variance of s_g common_g is the response's, κ²."""
+        return self._size**2 / (self._size**2 + float(groups**2 @ self._levels))
 
     def scales(self, logarithms: FloatArray) -> Scales:
         """Read the parameters from their logarithms, in the order of `Scales`."""
@@ -187,29 +192,37 @@ class Response:
         alpha = inverse @ self._values
         value = 0.5 * float(self._values @ alpha) + float(np.log(np.diag(lower)).sum())
         half = 0.5 * (inverse - np.outer(alpha, alpha))
-        drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
-        own = scales.own**2 * self._same
-        of_shared = half * (1.0 + drift + own)
-        by_shared = half * np.tensordot(scales.groups**2, self._grams, 1)
-        by_drift = by_shared * drift
-        of_noise = np.zeros(len(scales.noise))
-        for rows, times_min, is_zeroed in self._blocks:
-            weighted = half[rows, rows] * self._same[rows, rows]
-            slopes = scales.noise.slopes(times_min, is_zeroed=is_zeroed)
-            of_noise += [np.vdot(weighted, slope) for slope in slopes]
-        slope = np.concatenate(
-            [
-                2.0 * scales.groups**2 * [np.vdot(of_shared, gram) for gram in self._grams],
-                [2.0 * by_drift.sum(), np.vdot(by_drift, self._apart) / scales.drift_span],
-                [2.0 * np.vdot(by_shared, own)],
-                of_noise,
-            ]
-        )
+        slope = self._slopes(scales, half)
         shares = scales.groups / self._units
         off = (logarithms - self.start)[n:] / self._spread
         return (
-            value + float(shares.sum()) + 0.5 * float(off @ off),
-            slope + np.concatenate([shares, off / self._spread]),
+            value + float((shares - logarithms[:n]).sum()) + 0.5 * float(off @ off),
+            slope + np.concatenate([shares - 1.0, off / self._spread]),
+        )
+
+    def _slopes(self, scales: Scales, weights: FloatArray) -> FloatArray:
+        """Give the sum of weights times the covariance's slope in each logarithm, shape (h,)."""
+        squares, share = scales.groups**2, self.share(scales.groups)
+        shared = np.tensordot(squares, self._grams, 1)
+        unlike = self._unlike(scales)
+        by_shared = weights * shared
+        alike = (weights * (1.0 + share * unlike)).ravel()
+        of_groups = self._grams.reshape(len(squares), -1) @ alike
+        of_share = float(np.vdot(by_shared, unlike)) * (share / self._size) ** 2
+        by_shared *= share
+        by_drift = by_shared * scales.drift**2 * np.exp(-self._apart / scales.drift_span)
+        of_noise = np.zeros(len(scales.noise))
+        for rows, times_min, is_zeroed in self._blocks:
+            block = weights[rows, rows] * self._same[rows, rows]
+            slopes = scales.noise.slopes(times_min, is_zeroed=is_zeroed)
+            of_noise += [np.vdot(block, slope) for slope in slopes]
+        return np.concatenate(
+            [
+                2.0 * squares * (of_groups - of_share * self._levels),
+                [2.0 * by_drift.sum(), np.vdot(by_drift, self._apart) / scales.drift_span],
+                [2.0 * scales.own**2 * np.vdot(by_shared, self._same)],
+                of_noise,
+            ]
         )
 
     def learn(self, start: FloatArray | None = None, steps: int = STEPS) -> Fitted:
@@ -235,7 +248,7 @@ class Response:
     @cached_property
     def start(self) -> FloatArray:
         """Logarithms of where learning begins, which are the modes of the priors but of s_g."""
-        size = rms(self._values) or 1.0
+        size = self._size
         days = np.array([course.began for course in self.courses])
         span = max(float(np.ptp(days)) * DRIFT_SPAN[0], 1e-9)
         # Of the noise, all but the third and the fifth are sizes.
@@ -266,6 +279,21 @@ class Response:
         return np.concatenate([c.values - c.columns @ self.expected for c in self.courses])
 
     @cached_property
+    def _size(self) -> float:
+        return rms(self._values) or 1.0
+
+    @cached_property
+    def _levels(self) -> FloatArray:
+        """Mean variance of all rows by each group at scale 1, shape (G,)."""
+        return np.array([np.diag(gram).mean() for gram in self._grams])
+
+    def _unlike(self, scales: Scales) -> FloatArray:
+        """Say what rows have in common beside what all have, at κ = 1, shape (n, n)."""
+        drift = scales.drift**2 * np.exp(-self._apart / scales.drift_span)
+        result: FloatArray = drift + scales.own**2 * self._same
+        return result
+
+    @cached_property
     def _grams(self) -> FloatArray:
         parts = [self.columns @ group.directions for group in self.groups]
         return np.array([part @ part.T for part in parts])
@@ -273,7 +301,7 @@ class Response:
     @cached_property
     def _units(self) -> FloatArray:
         """Each group's scale that would explain everything alone, shape (G,)."""
-        size = rms(self._values) or 1.0
+        size = self._size
         alone = [np.sqrt(((self.columns @ g.as_large_as) ** 2).sum(1).mean()) for g in self.groups]
         return np.array(
             [
@@ -325,7 +353,15 @@ class Response:
 
 
 class Fitted:
-    """A response with its scales: what it says of other set-ups."""
+    """A response with its scales: what it says of other set-ups.
+
+    Parameters
+    ----------
+    response
+        The set-ups.
+    logarithms
+        Of its scales.
+    """
 
     def __init__(self, response: Response, logarithms: FloatArray) -> None:
         self.response = response
@@ -341,6 +377,8 @@ class Fitted:
         )
         self._inverse = np.linalg.inv(response.covariance(self.scales))
         self._alpha = self._inverse @ response._values
+        self._share = response.share(self.scales.groups)
+        self._of_new = 1.0 + self._share * (self.scales.drift**2 + self.scales.own**2)
 
     def predict(self, columns: FloatArray, began: float, without: int | None = None) -> Predicted:
         """Predict what drivers do in a new set-up.
@@ -379,18 +417,13 @@ class Fitted:
         result: FloatArray = self.prior @ (self.response.columns.T @ self._alpha)
         return self.response.expected + result
 
-    def part(self, prior: FloatArray) -> FloatArray:
-        """Give what a part of the prior covariance adds to each row in what is learnt, shape (n,).
-
-        Parameters
-        ----------
-        prior : ndarray, shape (p, p)
-            Such as that of one group.
-        """
-        columns = self.response.columns
-        near = np.array([self._near(day) for day in np.unique(self.response.days)])
-        which = np.unique(self.response.days, return_inverse=True)[1]
-        result: FloatArray = (columns @ prior @ columns.T * near[which]) @ self._alpha
+    def parts(self) -> FloatArray:
+        """Give what each group adds to each row in what is learnt, shape (G, n)."""
+        rows = self.response
+        near = np.array([self._near(day) for day in np.unique(rows.days)])
+        which = np.unique(rows.days, return_inverse=True)[1]
+        squares = self.scales.groups[:, None, None] ** 2
+        result: FloatArray = (squares * rows._grams * near[which]) @ self._alpha
         return result
 
     def covariance(self, began: float) -> FloatArray:
@@ -398,6 +431,13 @@ class Fitted:
         near = self.response.columns * self._near(began)[:, None]
         by = self.prior @ near.T
         result: FloatArray = self._of_new * self.prior - by @ self._inverse @ by.T
+        return result
+
+    def _near(self, began: float) -> FloatArray:
+        """Say what a set-up has in common with each row, beside that of two alike, shape (n,)."""
+        apart = np.abs(self.response.days - began)
+        drift = self.scales.drift**2 * np.exp(-apart / self.scales.drift_span)
+        result: FloatArray = 1.0 + self._share * drift
         return result
 
     def weighted(self) -> Response:
@@ -416,39 +456,14 @@ class Fitted:
         weights = (FREEDOM + 1.0) / (FREEDOM + np.array(surprise))
         return replace(response, weights=weights)
 
-    @cached_property
-    def _of_new(self) -> float:
-        """Variance of a set-up's response beside that of what all have in common.
-
-        ν and ρ are hardly known of few set-ups. Their logarithms being normal, with the variance v
-        that the misfit's curvature says, the mean of the square is exp(2 v) times that of the mode.
-        """
-        n = len(self.response.groups)
-        mean_squares = []
-        for i, prior in ((n, DRIFT), (n + 2, OWN)):
-            step = CURVED * (np.arange(self.logarithms.size) == i)
-            up, down = (
-                float(self.response.misfit_and_slope(self.logarithms + by)[1][i])
-                for by in (step, -step)
-            )
-            variance = 2.0 * CURVED / max(up - down, 2.0 * CURVED / prior[1] ** 2)
-            mean_squares.append(np.exp(2.0 * (self.logarithms[i] + variance)))
-        return 1.0 + float(sum(mean_squares))
-
-    def _near(self, began: float) -> FloatArray:
-        """Say what a set-up has in common with each row, beside that of two alike, shape (n,)."""
-        apart = np.abs(self.response.days - began)
-        result: FloatArray = 1.0 + self.scales.drift**2 * np.exp(-apart / self.scales.drift_span)
-        return result
-
 
 def learn_response(response: Response) -> Fitted:
     """Learn the scales, weigh the set-ups, and learn on."""
     fitted = response.learn()
-    if len(response.courses) < 3:  # of two, nobody knows which is the odd one
-        return fitted
-    fitted = fitted.weighted().learn(fitted.logarithms, MORE_STEPS)
-    return Fitted(fitted.weighted(), fitted.logarithms)
+    if len(response.courses) > 2:  # of two, nobody knows which is the odd one
+        fitted = fitted.weighted().learn(fitted.logarithms, MORE_STEPS)
+        fitted = Fitted(fitted.weighted(), fitted.logarithms)
+    return fitted
 
 
 def least_harm(mean: FloatArray, sd: FloatArray, *instead: FloatArray) -> FloatArray:

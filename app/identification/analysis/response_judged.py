@@ -130,9 +130,7 @@ class Judged:
         """
         response, fitted = self.rows.response, self.fitted
         sizes: dict[str, FloatArray] = {}
-        for group, scale in zip(response.groups, fitted.scales.groups, strict=True):
-            by = scale**2 * group.directions @ group.directions.T
-            part = fitted.part(by)
+        for group, part in zip(response.groups, fitted.parts(), strict=True):
             sizes[group.name] = sizes.get(group.name, np.zeros(part.shape)) + part
         total = rms(sum(sizes.values(), np.zeros(len(response.of)))) or 1.0
         states = {c.name for c in self.rows.columns if c.is_of_state}
