@@ -297,7 +297,7 @@ def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
         ) from None
     except RepeatedNameError as error:
         raise InvalidContent.of_field(
-            error.name, f"expected each name once in an object, got {error.name!r} twice"
+            error.name or "body", f"expected each name once in an object, got {error.name!r} twice"
         ) from None
     try:
         return adapter.validate_python(content)

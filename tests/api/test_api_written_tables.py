@@ -66,6 +66,7 @@ REPEATED = st.sampled_from(
         '{"temperatures_c": {"x-middle": 21, "z-column": 23, "x\\u002dmiddle": 22}}',
         f'{{"temperatures_c": {{}}, "temperatures_c": {PLAIN_TEXT}}}',
         f'{{"temperatures_c": {PLAIN_TEXT}, "state": {{"a": 1, "a": 1}}}}',
+        f'{{"temperatures_c": {PLAIN_TEXT}, "state": {{"": 1, "": 1}}}}',
         f'{{"state": {{"a:b": 1, "a": 1}}, "temperatures_c": {PLAIN_TEXT}, "state": {{}}}}',
     ]
 ).map(str.encode)

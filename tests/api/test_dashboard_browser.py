@@ -390,12 +390,14 @@ def test_a_map_is_shown_before_it_is_stored_and_versions_go_back(chromium, shop)
         shop.feed(25.0)
         page.goto(shop.url + "/machines/mcfv5050/maps")
         file = {"name": "run9.csv", "mimeType": "text/csv", "buffer": MAP_CSV.encode()}
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files("#file", file)
         expect(page.locator("#preview")).to_contain_text("EXX")
         expect(page.locator("#preview")).to_contain_text("run9.csv · map ‘Run #9’: nothing is")
         page.get_by_role("button", name="Discard").click()
         expect(page.locator("#preview")).to_be_empty()
         expect(page.locator(".timeline li")).to_have_count(3)
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files("#file", file)
         page.locator("#preview button[data-do^=store]").last.click()
         expect(page.locator("#preview")).to_contain_text("Map ‘Run #9’ is stored")
@@ -406,6 +408,7 @@ def test_a_map_is_shown_before_it_is_stored_and_versions_go_back(chromium, shop)
         expect(page.locator("#preview")).to_contain_text("v2 is active.")
         expect(page.locator("li.active .knot")).to_have_text("v2")
         broken = {"name": "bad.csv", "mimeType": "text/csv", "buffer": b"component,oops\nEXX,1\n"}
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files("#file", broken)
         expect(page.locator("#preview")).to_contain_text("bad.csv was not stored.")
         expect(page.locator("#preview")).to_contain_text("Nothing has changed.")
@@ -420,6 +423,7 @@ def test_an_instruments_file_asks_for_what_it_does_not_say(chromium, shop):
         page.goto(shop.url + "/machines/mcfv5050/maps")
         text = BOTH_WAYS.replace("Axis: X", "Axis: U").encode()
         file = {"name": "x.rtl", "mimeType": "application/octet-stream", "buffer": text}
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files("#file", file)
         expect(page.locator("#wrong-axis")).to_contain_text("got 'U'")
         page.locator("#beside select[name=axis]").select_option("X")
@@ -538,6 +542,7 @@ def test_times_are_those_of_the_clock_beside_the_machine(chromium, shop):
         expect(page.locator("#clock")).to_contain_text("IST")
         expect(page.locator("#in-use thead")).to_contain_text("measured, IST")
         csv = "component,position_mm,error_um\nEXX,0,0\nEXX,500,2\n"
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files(
             "#file", {"name": "a.csv", "mimeType": "text/csv", "buffer": csv.encode()}
         )

@@ -174,6 +174,7 @@ def test_what_is_refused_is_said_where_it_was_asked(chromium, shop):
         page.locator("#start").click()
         expect(page.locator("#checks-said [role=alert]")).to_contain_text("Not started.")
         wrong_file = {"name": "run-9.json", "mimeType": "application/json", "buffer": b"{}"}
+        expect(page.locator("#choose")).to_be_enabled()
         page.locator("#file").set_input_files(wrong_file)
         expect(page.locator("#preview")).to_contain_text("run-9.json was not stored.")
         expect(page.locator("#preview")).to_contain_text("observations")
@@ -189,6 +190,7 @@ def test_a_check_is_stored_from_csv(chromium, shop):
 
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
+        expect(page.locator("#choose")).to_be_enabled()
         page.locator("#file").set_input_files(csv("night shift.csv", b"# datum;first\n" + good))
         read = page.locator("#found")
         expect(read).to_contain_text("night shift.csv: nothing is stored yet")
@@ -205,6 +207,7 @@ def test_a_check_is_stored_from_csv(chromium, shop):
         expect(left).to_have_text("not comparable")
         expect(left).to_have_attribute("title", re.compile("no reading near enough"))
         assert wrong == []
+        expect(page.locator("#choose")).to_be_enabled()
         page.locator("#file").set_input_files(csv("run-9.csv", good.replace(b"1.5", b"n/a")))
         refused = page.locator("#preview")
         expect(refused).to_contain_text("run-9.csv was not stored.")
@@ -313,6 +316,7 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
         night = {"name": "night.csv", "mimeType": "text/csv", "buffer": named}
+        expect(page.locator("#choose")).to_be_enabled()
         page.locator("#file").set_input_files(night)
         page.get_by_role("button", name="Store this check").click()
         expect(page.locator(".checks-room tbody")).to_contain_text(label)

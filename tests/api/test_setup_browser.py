@@ -74,6 +74,7 @@ def test_a_stranger_with_three_files_has_a_live_table(chromium, shop, tmp_path):
         expect(page.locator("#answer h1")).to_have_text("Next: maps")
         assert "500.5" in page.locator(".travel[data-axis=x] input").nth(1).input_value()
 
+        expect(page.locator("#choose")).to_be_enabled()
         page.set_input_files("#file", [files[0], str(broken), *files[1:]])
         expect(page.locator("#preview")).to_contain_text("cold.csv")
         expect(page.locator("#waiting-files li")).to_have_count(3)
