@@ -109,6 +109,9 @@ def test_one_run_without_history_predicts_another_start():
     (offered,) = found.offered
     assert set(offered.effect.sensors) == set(NAMES)
     assert offered.found.helps
+    # Twelve stretches gain, and all of them are one record's.
+    assert offered.judged.chance < 0.01
+    assert offered.found.status == "suspected"
     assert len(offered.judged.rows.set_ups) == STRETCHES
     other = run(9, room_c=21.0, hot_min=70, bed_c=85.0, day=3, minutes=240)
     asked = campaign(other, maps_of=known)

@@ -20,7 +20,7 @@ SURE: Final = 0.05
 """Probability that as many set-ups get better by chance, at most, where a response is adopted."""
 
 CONFIRMED: Final = 0.01
-"""The same where it is confirmed."""
+"""The same of whole records where it is confirmed."""
 
 LEAST_GAIN: Final = 0.1
 """Share of the root mean square that a response must take away on set-ups held out."""
@@ -91,10 +91,24 @@ class Judged:
     @property
     def chance(self) -> float:
         """Probability of as much gain by chance: Wilcoxon's signed ranks of the set-ups."""
+        return _chance(*self.each[1:])
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether records, each as a whole, hardly gain as much by chance.
+
+        Stretches of one record share its drift and its zero: however many they are, they show
+        what one set-up did.
+        """
+        ups = self.rows.set_ups
+        record = [-1 - i if one.record is None else one.record for i, one in enumerate(ups)]
+        of = np.unique(record, return_inverse=True)[1]
+        count = np.array([v.size for v in self.before])
         _, before, after = self.each
-        if np.array_equal(before, after):
-            return 1.0
-        return float(wilcoxon(before**2, after**2, alternative="greater").pvalue)
+        whole = (
+            np.sqrt(np.bincount(of, count * v**2) / np.bincount(of, count)) for v in (before, after)
+        )
+        return _chance(*whole) <= CONFIRMED
 
     @property
     def gains_nothing(self) -> bool:
@@ -141,6 +155,12 @@ class Judged:
             amount = f"{rms(part):.2g} {symbol} (root mean square)" if takes_part else "not needed"
             said.append(Cause("kind", (name,) if name in states else (), f"{name}: {amount}"))
         return tuple(said)
+
+
+def _chance(before: FloatArray, after: FloatArray) -> float:
+    if np.array_equal(before, after):
+        return 1.0
+    return float(wilcoxon(before**2, after**2, alternative="greater").pvalue)
 
 
 def judge(rows: ResponseRows) -> Judged:

@@ -36,7 +36,7 @@ from app.geometry.components import COMPONENTS
 from app.identification.analysis.decide import Decision, decide
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import Evidence, FoundEffect
-from app.identification.analysis.response_judged import CONFIRMED, Judged, judge
+from app.identification.analysis.response_judged import Judged, judge
 from app.identification.analysis.response_rows import (
     FEWEST,
     SHORTEST_MIN,
@@ -85,13 +85,12 @@ class Offered:
         parts = [explain(self.effect)]
         if self.instead_kinds:
             parts.append(f"it takes the place of what was named there ({self._instead})")
-        is_sure = self.judged.chance <= CONFIRMED
         return FoundEffect(
             effect=self.effect,
             before_rms=self.judged.before_rms,
             after_rms=self.judged.after_rms,
             unit=COMPONENTS[self.code].unit.symbol,
-            status=str(Status.CONFIRMED if is_sure else Status.SUSPECTED),
+            status=str(Status.CONFIRMED if self.judged.is_confirmed else Status.SUSPECTED),
             helps=True,
             why_not=None,
             is_proxy=False,
