@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
+from app.errors import StorageUnavailable
+
 if TYPE_CHECKING:
     from app.storage.postgresql import Duty
+
+log = logging.getLogger("thermap")
 
 
 class Background(ABC):
@@ -40,6 +46,25 @@ class Background(ABC):
     def _is_ours(self) -> bool:
         """Whether this process is the one that has the duty."""
         return self._duty is None or self._duty.is_ours()
+
+    def _repeat(
+        self, look: Callable[[], object], every_s: float, trouble: str, *, at_once: bool = False
+    ) -> None:
+        """Look regularly until `_stop` is set, where this process has the duty.
+
+        What the database cannot say is asked again at the next look; other trouble is logged.
+        """
+        if not at_once:
+            self._stop.wait(every_s)
+        while not self._stop.is_set():
+            try:
+                if self._is_ours():
+                    look()
+            except StorageUnavailable:
+                pass
+            except Exception:
+                log.exception(trouble)
+            self._stop.wait(every_s)
 
     @abstractmethod
     def _run(self) -> None:

@@ -7,7 +7,6 @@ a larger one: one is dealt with when no transaction can still be open that has a
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import Collection, Mapping
 from contextlib import suppress
@@ -15,7 +14,7 @@ from datetime import datetime
 from time import monotonic
 from typing import Final
 
-from app.errors import StorageUnavailable, UnknownThing
+from app.errors import UnknownThing
 from app.services.background import Background
 from app.services.context import Context
 from app.storage.limits import LONG
@@ -28,8 +27,6 @@ from app.storage.temperature_hours import (
     note_binned,
     stale_hours,
 )
-
-log = logging.getLogger("thermap")
 
 LOOK_EVERY_S: Final = 120.0
 
@@ -60,15 +57,7 @@ class ReadingBinner(Background):
             pass
 
     def _run(self) -> None:
-        while not self._stop.is_set():
-            try:
-                if self._is_ours():
-                    self.look()
-            except StorageUnavailable:
-                pass  # at the next look
-            except Exception:
-                log.exception("could not bin readings")
-            self._stop.wait(LOOK_EVERY_S)
+        self._repeat(self.look, LOOK_EVERY_S, "could not bin readings", at_once=True)
 
     def _bin_slice(self) -> bool:
         """Bin a slice; say whether there may be more."""

@@ -211,11 +211,5 @@ class LateJudge(Background):
         self._context = context
 
     def _run(self) -> None:
-        while not self._stop.wait(LOOK_EVERY_S):
-            try:
-                if self._is_ours():
-                    judge_awaiting(self._context)
-            except StorageUnavailable:
-                continue  # it is looked at again
-            except Exception:
-                log.exception("could not judge verifications whose readings came later")
+        trouble = "could not judge verifications whose readings came later"
+        self._repeat(lambda: judge_awaiting(self._context), LOOK_EVERY_S, trouble)

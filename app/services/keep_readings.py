@@ -7,7 +7,7 @@ from contextlib import suppress
 from datetime import datetime, timedelta
 from typing import Final
 
-from app.errors import StorageUnavailable, UnknownThing
+from app.errors import UnknownThing
 from app.services.background import Background
 from app.services.context import Context
 from app.services.thin_readings import LOOKED_BACK_ON, ReadingThinner
@@ -135,12 +135,4 @@ class ReadingKeeper(Background):
         return total
 
     def _run(self) -> None:
-        while not self._stop.is_set():
-            try:
-                if self._is_ours():
-                    self.look()
-            except StorageUnavailable:
-                pass  # at the next look
-            except Exception:
-                log.exception("could not make room for readings")
-            self._stop.wait(LOOK_EVERY_S)
+        self._repeat(self.look, LOOK_EVERY_S, "could not make room for readings", at_once=True)

@@ -17,7 +17,7 @@ from time import monotonic
 from typing import Final, Protocol
 
 from app.answer import Answer
-from app.errors import StorageUnavailable, UnknownThing, existing_names
+from app.errors import UnknownThing, existing_names
 from app.events.event import Event
 from app.services.background import Background
 from app.services.context import Context, repeated
@@ -315,14 +315,7 @@ class ReceiverTelling(Background):
             super().start()
 
     def _run(self) -> None:
-        while not self._stop.wait(LOOK_EVERY_S):
-            try:
-                if self._is_ours():
-                    self.look()
-            except StorageUnavailable:
-                continue  # what is due stays due
-            except Exception:
-                log.exception("receivers could not be told of alarms")
+        self._repeat(self.look, LOOK_EVERY_S, "receivers could not be told of alarms")
 
     def look(self) -> None:
         """Look once at each receiver, and send what is due."""
