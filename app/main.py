@@ -15,7 +15,8 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 import app as package
-from app.api.access import AccessControl
+from app.access.keys import Role
+from app.api.access import AccessControl, needs
 from app.api.connection_metrics import connection_metrics, receiver_metrics
 from app.api.gate import Gate
 from app.api.long_bodies import LongBodies
@@ -316,9 +317,13 @@ def _add_documentation(service: ThermapService) -> None:
     )
 
     service.mount("/assets", _Files(packages=[("app.pages", "assets")]), "assets")
+    for mounted in service.router.routes[-2:]:
+        needs(None)(mounted)
 
     title = service.title  # and not the service, as `openapi_document` says
 
     @service.get("/docs", include_in_schema=False)
     async def get_docs() -> Page:
         return swagger_page(title)
+
+    needs(Role.VIEWER)(service.router.routes[-1])

@@ -1,7 +1,8 @@
 """Who may ask for what: keys, on every request but those that are open to all.
 
-What a request needs follows from its method and path alone, so that no route can be forgotten: what
-is not named here is for viewers where it reads, and for metrologists where it may write.
+What a request needs stands at its route: what neither the route nor its router names is for
+viewers where it reads, and for metrologists where it may write. It is decided on the route that
+answers, so that no way of writing a path leads past it.
 """
 
 from __future__ import annotations
@@ -11,18 +12,18 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
-from typing import Final
+from typing import Final, NamedTuple, TypeVar
 from urllib.parse import quote
 
 from fastapi import Request
 from starlette.responses import RedirectResponse, Response
+from starlette.routing import BaseRoute
 from starlette.types import Scope
 
 from app.access.authorization import Authorization, Requirement, asking
 from app.access.failures import Failures, source_of
 from app.access.keys import Role, digest_of
 from app.api.error_responses import problem, problem_for, problem_of
-from app.api.gate import SAFE_METHODS
 from app.api.pages import wants_page
 from app.api.turns import SharedQuestion
 from app.errors import AccessRefused, KeyUnknown, NotAllowed
@@ -50,60 +51,54 @@ COOKIE: Final = "thermap-session"
 
 LOGIN: Final = "/login"
 
-_OPEN: Final = re.compile(r"/(healthz|readyz|login|logout|favicon\.ico|(docs-)?assets/.*)")
-"""Whether the service lives, and what a page needs on which a key is stated."""
-
-_OF_MACHINE: Final = re.compile(r"/(?:v1/)?machines/([^/]+)(?:/.*)?")
-
-_COMPUTES: Final = re.compile(
-    r"/v1/(machines/[^/]+/(compensation(/(compare|export|grid|levels))?|models/compare|picture"
-    r"|measurements/step-diagonal/simulate|predictions|residuals|rotary-axis-error"
-    r"|sensor-assignment/correlate|volumetric-accuracy|volumetric-error|analyses/plan)"
-    r"|controllers/[^/]+/parse|fleet/tried-effects|volumetric-accuracy/from-lines)"
-)
-"""POST, because the question is long; nothing is stored."""
-
-_READINGS: Final = re.compile(r"/v1/machines/[^/]+/readings")
-_MACHINE: Final = re.compile(r"/v1/machines(/[^/]+)?")
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f]")
 
-_KEYS: Final = re.compile(r"/v1/keys(/.*)?")
 
-_ALL_MACHINES: Final = re.compile(r"/metrics|/fleet|/v1/fleet(/.*)?|/v1/keys(/.*)?")
-"""What is of all machines at once, and cannot be told in part."""
+class Access(NamedTuple):
+    """Who may use a route.
 
-
-def role_needed(method: str, path: str) -> Role | None:
-    """Say which role a request needs; None for what is open to all.
-
-    >>> str(role_needed("POST", "/v1/machines/vmc/readings"))
-    'sensor'
-    >>> role_needed("GET", "/healthz") is None
-    True
+    Parameters
+    ----------
+    role
+        None for what is open to all.
+    all_machines
+        Whether it is of all machines at once, and cannot be answered in part.
     """
-    if _OPEN.fullmatch(path) or method == "OPTIONS":
+
+    role: Role | None
+    all_machines: bool = False
+
+
+_UNROUTED: Final = Access(Role.VIEWER)
+"""To be told that there is nothing at a path."""
+
+_UNSTATED: Final = Access(Role.ADMIN, all_machines=True)
+"""Of a route that says nothing; a test finds those."""
+
+_Routed = TypeVar("_Routed")
+
+
+def needs(role: Role | None, *, all_machines: bool = False) -> Callable[[_Routed], _Routed]:
+    """State who may use the route of a function, or a route."""
+
+    def state(routed: _Routed) -> _Routed:
+        vars(routed)["access"] = Access(role, all_machines)
+        return routed
+
+    return state
+
+
+def access_to(route: BaseRoute | None) -> Access:
+    """Say who may use a route; None stands for what no route answers."""
+    return _UNROUTED if route is None else getattr(route, "access", _UNSTATED)
+
+
+def requirement_of(scope: Scope) -> Requirement | None:
+    """Say what a request needs of a key, by its route; None for what is open to all."""
+    role, all_machines = access_to(scope.get("route"))
+    if role is None or scope["method"] == "OPTIONS":
         return None
-    if _KEYS.fullmatch(path):
-        return Role.ADMIN
-    if method in SAFE_METHODS or (method == "POST" and _COMPUTES.fullmatch(path)):
-        return Role.VIEWER
-    if method == "POST" and _READINGS.fullmatch(path):
-        return Role.SENSOR
-    return Role.ADMIN if _MACHINE.fullmatch(path) else Role.METROLOGIST
-
-
-def machine_of(path: str) -> str | None:
-    """Say which machine a request is about; None where it is about none, or about all."""
-    found = _OF_MACHINE.fullmatch(path)
-    return None if found is None else found[1]
-
-
-def requirement_of(method: str, path: str) -> Requirement | None:
-    """Say what a request needs of a key; None for what is open to all."""
-    role = role_needed(method, path)
-    if role is None:
-        return None
-    return Requirement(role, machine_of(path), _ALL_MACHINES.fullmatch(path) is not None)
+    return Requirement(role, scope.get("path_params", {}).get("machine"), all_machines)
 
 
 class AccessControl:
@@ -120,11 +115,11 @@ class AccessControl:
 
         What it was let in by is left in `asking`, and in the request's state.
         """
-        requirement = requirement_of(scope["method"], scope["path"])
+        requirement = requirement_of(scope)
         if not self.is_on or requirement is None:
             return None
         if _CONTROL.search(scope["path"]):
-            # Routes match a path that ends with a newline; what is said here of paths does not.
+            # Routes match a path that ends with a newline, as if it did not.
             return problem(400, "Bad request", "expected a path without control characters")
         secret = stated_secret(scope)
         stored = None if secret is None else await self.find(secret)

@@ -12,7 +12,9 @@ from pydantic import Field, TypeAdapter
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
+from app.access.keys import Role
 from app.answer import Answer, answers
+from app.api.access import needs
 from app.api.pages import Page
 from app.api.schemas.base import Schema
 from app.api.schemas.error_field import AnswerHead
@@ -131,6 +133,7 @@ def document_problems(service: FastAPI) -> None:
     service.openapi = openapi  # type: ignore[method-assign]
 
     service.get(DOCUMENT, include_in_schema=False)(openapi_document)
+    needs(Role.VIEWER)(service.router.routes[-1])
 
 
 def openapi_document(request: Request) -> JSONResponse:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from fastapi import FastAPI, Request
 from starlette.responses import Response
+from starlette.routing import BaseRoute, Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.access.authorization import asking
@@ -51,21 +52,18 @@ class ThermapService(FastAPI):
             return
         log = scope[_LOG] = RequestLog(scope, send)
         started = perf_counter()
-        answered = scope
         scope["app"] = self
+        is_head = scope["method"] == "HEAD"
+        answered = {**scope, "method": "GET", WITHOUT_BODY: True} if is_head else scope
         before = asking.set(None)  # by what a request is let in is forgotten at its end
         try:
-            refused = await self._refusal(scope)
+            refused = await self._refusal(answered)
             if refused is not None:
                 await refused(scope, receive, log.send)
                 return
-            if scope["method"] != "GET":
-                acting.set(Asker(scope))
-            if scope["method"] == "HEAD":
-                answered = {**scope, "method": "GET", WITHOUT_BODY: True}
-                await self.answer(answered, receive, _without_body(log.send))
-            else:
-                await self.answer(scope, receive, log.send)
+            if answered["method"] != "GET":
+                acting.set(Asker(answered))
+            await self.answer(answered, receive, _without_body(log.send) if is_head else log.send)
         finally:
             asking.reset(before)
             self._count(answered, log.status or 500, perf_counter() - started)
@@ -82,13 +80,34 @@ class ThermapService(FastAPI):
         return [route for route in self.router.routes if isinstance(route, DirectRoute)]
 
     async def _refusal(self, scope: Scope) -> Response | None:
-        """Give the answer to a request that is not let in."""
+        """Give the answer to a request that is not let in, which its route says."""
         gate: Gate = self.state.gate
         access: AccessControl = self.state.access
         refused = gate.refusal(scope)
-        if refused is None and access.is_on:
-            refused = await access.refusal(scope)
+        if refused is None:
+            self.find_route(scope)
+            if access.is_on:
+                refused = await access.refusal(scope)
         return refused
+
+    def find_route(self, scope: Scope) -> None:
+        """Put a request's route into its scope, where there is one: what lets it in answers it."""
+        for direct in self.direct_routes:
+            found = direct.path_regex.match(scope["path"])
+            if found and scope["method"] in (direct.methods or ()):
+                scope["route"], scope["path_params"] = direct, found.groupdict()
+                return
+        other: tuple[BaseRoute, Scope] | None = None
+        for route in self.router.routes:
+            match, more = route.matches(scope)
+            if match is Match.FULL:
+                other = route, more
+                break
+            if match is Match.PARTIAL and other is None:
+                other = route, more  # at this path, for other methods
+        if other is not None:
+            scope["route"] = other[0]
+            scope.update(other[1])
 
     def _count(self, scope: Scope, status: int, seconds: float) -> None:
         metrics: Metrics = self.state.metrics
@@ -102,15 +121,13 @@ class ThermapService(FastAPI):
             await self.router(scope, receive, send)
             return
         try:
-            for route in self.direct_routes:
-                match = route.path_regex.match(scope["path"])
-                if match and scope["method"] in (route.methods or ()):
-                    scope["route"], scope["path_params"] = route, match.groupdict()
-                    await route.app(scope, receive, send)
-                    return
+            route = scope.get("route", self.router)
+            if isinstance(route, DirectRoute) and scope["method"] in (route.methods or ()):
+                await route.app(scope, receive, send)
+                return
             async with AsyncExitStack() as files:
                 scope["fastapi_middleware_astack"] = files  # FastAPI's routes close files by it
-                await self.router(scope, receive, send)
+                await route.handle(scope, receive, send)
         except Exception as error:
             if scope[_LOG].status:
                 raise  # too late for another answer: the server ends the connection

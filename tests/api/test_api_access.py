@@ -1,7 +1,6 @@
 """Keys: who has none is refused, each role may do what it is for, and on its machines only."""
 
 import asyncio
-import re
 import threading
 from datetime import timedelta
 
@@ -14,7 +13,7 @@ from app.access import failures as module
 from app.access.authorization import as_service
 from app.access.failures import AT_MOST, WITHIN_S, Failures, source_of
 from app.access.keys import Role, digest_of
-from app.api.access import COOKIE, role_needed, sees, viewer
+from app.api.access import COOKIE, sees, viewer
 from app.errors import StorageUnavailable
 from app.services import access_keys
 from app.services.access_keys import (
@@ -28,7 +27,6 @@ from app.settings import Settings
 from app.storage.access_keys import keys_by_digest
 from app.storage.database import Database
 from app.storage.tables import AccessKeyRow, EventRow
-from scripts.openapi_document import openapi_document
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -570,6 +568,7 @@ async def viewer_of(service, secret):
         "app": service,
         "state": {},
     }
+    service.find_route(scope)
     with as_service():
         assert await service.state.access.refusal(scope) is None
     request = Request(scope)
@@ -605,17 +604,19 @@ def test_keys_are_asked_for_where_other_computers_reach_the_service(options, ask
     assert Settings(**options).asks_for_keys is asks
 
 
-def test_every_route_that_writes_needs_more_than_a_viewer():
-    """New routes are for metrologists unless they are named: nobody can forget one."""
-    needed = {}
-    for path, methods in openapi_document()["paths"].items():
-        for method in methods:
-            stated = re.sub(r"\{(\w+)\}", r"\1", path)
-            needed[f"{method.upper()} {path}"] = role_needed(method.upper(), stated)
-    sensors = {name for name, role in needed.items() if role is Role.SENSOR}
-    assert sensors == {"POST /v1/machines/{machine}/readings"}
-    admins = {name for name, role in needed.items() if role is Role.ADMIN}
-    assert admins == {
+def test_every_route_says_who_may_use_it(guarded):
+    """What nobody named is for viewers where it reads, for metrologists where it may write."""
+    of_role, of_all_machines = {}, set()
+    for route in guarded.router.routes:
+        assert "access" in vars(route), route.path
+        for method in getattr(route, "methods", None) or ["GET"]:
+            of_role.setdefault(route.access.role, set()).add(f"{method} {route.path}")
+        if route.access.all_machines:
+            of_all_machines.add(route.path)
+        if "/machines/{" in route.path:
+            assert "/machines/{machine}" in route.path  # a key for some is asked for by that name
+    assert of_role[Role.SENSOR] == {"POST /v1/machines/{machine}/readings"}
+    assert of_role[Role.ADMIN] == {
         "POST /v1/machines",
         "PATCH /v1/machines/{machine}",
         "DELETE /v1/machines/{machine}",
@@ -623,10 +624,55 @@ def test_every_route_that_writes_needs_more_than_a_viewer():
         "POST /v1/keys",
         "DELETE /v1/keys/{name}",
     }
-    changing = {n for n, role in needed.items() if role is Role.METROLOGIST}
-    assert "DELETE /v1/machines/{machine}/readings" in changing
-    assert not [n for n in changing if n.startswith("GET ")]
-    assert {n for n, role in needed.items() if role is None} == {"GET /healthz", "GET /readyz"}
+    assert not [name for name in of_role[Role.METROLOGIST] if name.startswith("GET ")]
+    of_machine = "POST /v1/machines/{machine}"
+    assert {name for name in of_role[Role.VIEWER] if not name.startswith("GET ")} == {
+        "POST /v1/controllers/{controller}/parse",
+        "POST /v1/fleet/tried-effects",
+        "POST /v1/volumetric-accuracy/from-lines",
+        f"{of_machine}/analyses/plan",
+        f"{of_machine}/compensation",
+        f"{of_machine}/compensation/compare",
+        f"{of_machine}/compensation/export",
+        f"{of_machine}/compensation/grid",
+        f"{of_machine}/compensation/levels",
+        f"{of_machine}/measurements/step-diagonal/simulate",
+        f"{of_machine}/models/compare",
+        f"{of_machine}/picture",
+        f"{of_machine}/predictions",
+        f"{of_machine}/residuals",
+        f"{of_machine}/rotary-axis-error",
+        f"{of_machine}/sensor-assignment/correlate",
+        f"{of_machine}/volumetric-accuracy",
+        f"{of_machine}/volumetric-error",
+    }
+    assert of_role[None] == {
+        "GET /assets",
+        "GET /docs-assets",
+        "GET /favicon.ico",
+        "GET /healthz",
+        "GET /login",
+        "GET /readyz",
+        "POST /login",
+        "POST /logout",
+    }
+    assert of_all_machines == {
+        "/fleet",
+        "/metrics",
+        "/v1/fleet",
+        "/v1/fleet/analyses",
+        "/v1/fleet/analyses/cancel",
+        "/v1/fleet/tried-effects",
+        "/v1/keys",
+        "/v1/keys/{name}",
+    }
+
+
+async def test_a_route_that_says_nothing_is_for_admins_alone(guarded):
+    guarded.get("/unstated")(lambda: "")
+    for role, status in (("viewer", 403), ("metrologist", 403), ("admin", 200)):
+        async with with_key(guarded, key(guarded, role)) as client:
+            assert (await client.get("/unstated")).status_code == status
 
 
 async def test_a_page_offers_nobody_what_is_refused_him(guarded):

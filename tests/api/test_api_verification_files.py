@@ -6,8 +6,6 @@ import json
 import pytest
 from openpyxl import Workbook
 
-from app.access.keys import Role
-from app.api.access import role_needed
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
 from tests.api.test_api_verifications import PATH, observation, verification
@@ -139,7 +137,3 @@ async def test_other_machines_files_and_other_kinds_are_refused(client):
         "`thermap import x.rtl` makes a map of it"
     )
     problem(await client.post(ROUTE, content=NIGHT), 415)
-
-
-def test_it_is_for_metrologists():
-    assert role_needed("POST", ROUTE) is Role.METROLOGIST

@@ -241,7 +241,9 @@ async def test_what_is_stored_together_asks_for_each_key(service, beside):
 def authorized(service, secret, method, path):
     """Do something as the request of a key."""
     stored_key = service.state.access.ring.find(digest_of(secret))
-    requirement = requirement_of(method, path)
+    scope = {"type": "http", "method": method, "path": path}
+    service.find_route(scope)
+    requirement = requirement_of(scope)
     now = service.state.access.ring.now
     authorization = Authorization(digest_of(secret), stored_key.key, requirement, None, now)
     with as_service():

@@ -6,6 +6,8 @@ import orjson
 from fastapi import Response
 from fastapi.responses import HTMLResponse
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import (
     AcceptLossesQuery,
@@ -71,6 +73,7 @@ def post_analysis(
 @router.post(
     "/plan", summary="Say what planned observations could see", openapi_extra=body_of_at_most(32)
 )
+@needs(Role.VIEWER)
 def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> Plan:
     """Say, before anything is measured, how small an effect could be seen and told from others.
 

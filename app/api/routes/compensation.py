@@ -7,6 +7,8 @@ from typing import Annotated
 from fastapi import Header, Request
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import DirectRoute, Written
 from app.api.dependencies import (
     ContextDep,
@@ -32,6 +34,7 @@ router = Router(route_class=DirectRoute, prefix="/v1/machines/{machine}", tags=[
     summary="Compensation table for stated temperatures",
     response_model=CompensationAnswer,
 )
+@needs(Role.VIEWER)
 async def post_compensation(
     request: Request, context: ContextDep, machine: MachinePath, body: CompensationRequest
 ) -> Response:

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 from fastapi import Header, Path, Query
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import JSON, ZIP
@@ -60,6 +62,7 @@ def get_controllers() -> ControllersAnswer:
     response_model=ExportAnswer,
     responses=_ZIP,
 )
+@needs(Role.VIEWER)
 def post_export(
     context: ContextDep,
     machine: MachinePath,
@@ -87,6 +90,7 @@ def post_export(
     summary="What a controller holds against what it should hold",
     openapi_extra=body_of_at_most(32),
 )
+@needs(Role.VIEWER)
 def post_compare(
     context: ContextDep, machine: MachinePath, controller: ControllerQuery, body: CompareRequest
 ) -> CompareAnswer:
@@ -102,6 +106,7 @@ def post_compare(
     summary="Read a controller's files",
     openapi_extra=body_of_at_most(32),
 )
+@needs(Role.VIEWER)
 def post_parse(controller: ControllerPath, body: ParseRequest) -> ParseAnswer:
     """Say what files hold, in our sign and units; what would be read wrongly is refused."""
     return ParseAnswer.of(*parse_files(controller, files_of(body.files), body.options))

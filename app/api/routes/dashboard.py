@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from fastapi import Path, Query, Request
 from starlette.responses import Response
 
-from app.api.access import sees
+from app.access.keys import Role
+from app.api.access import needs, sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import (
     ContextDep,
@@ -107,6 +108,7 @@ def get_machine(
 
 
 @router.get("/fleet", response_class=Page)
+@needs(Role.VIEWER, all_machines=True)
 def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> Page:
     """Show how far the analyses of all machines are, and what they say together.
 
@@ -117,6 +119,7 @@ def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> Page:
 
 
 @router.get("/favicon.ico")
+@needs(None)
 async def get_icon() -> Response:
     """Say that there is no icon: browsers ask for one beside pages that name none."""
     return Response(status_code=204, headers={"Cache-Control": "max-age=86400"})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, FleetQuestionQuery, RunnerDep
 from app.api.router import Router
@@ -15,6 +17,7 @@ router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the lo
 
 
 @router.get("", summary="Show what all machines' analyses say together")
+@needs(Role.VIEWER, all_machines=True)
 def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetAnswer:
     """Say how far the analysis of every machine is, and what they all say together.
 
@@ -26,6 +29,7 @@ def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetAnswer:
 
 
 @router.post("/analyses", status_code=202, summary="Analyse every machine")
+@needs(Role.METROLOGIST, all_machines=True)
 def post_analyses(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
 ) -> FleetAnswer:
@@ -39,6 +43,7 @@ def post_analyses(
 
 
 @router.post("/analyses/cancel", summary="Cancel the analyses of every machine")
+@needs(Role.METROLOGIST, all_machines=True)
 def post_cancel(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
 ) -> FleetAnswer:
@@ -49,6 +54,7 @@ def post_cancel(
 
 
 @router.post("/tried-effects", summary="Try an effect of one machine on another")
+@needs(Role.VIEWER, all_machines=True)
 def post_tried_effect(context: ContextDep, body: TriedEffectRequest) -> TriedEffect:
     """Try an effect that was found on one machine, unchanged, on another one.
 

@@ -9,6 +9,8 @@ import orjson
 from fastapi import Header, Query
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
@@ -70,6 +72,7 @@ _VECTORS: dict[int | str, dict[str, Any]] = {
     responses=_VECTORS,
     openapi_extra=body_of_at_most(64),
 )
+@needs(Role.VIEWER)
 def post_volumetric_error(
     context: ContextDep,
     machine: MachinePath,
@@ -104,6 +107,7 @@ def post_volumetric_error(
     summary="Grid of errors for a controller that interpolates trilinearly",
     response_model=GridAnswer,
 )
+@needs(Role.VIEWER)
 def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> Response:
     """Give the corner values at stated nodes, or of the coarsest grid for a tolerance.
 
@@ -120,6 +124,7 @@ def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> R
 
 
 @router.post(MACHINE + "/volumetric-accuracy", summary="Volumetric accuracy by every definition")
+@needs(Role.VIEWER)
 def post_accuracy(
     context: ContextDep, machine: MachinePath, body: AccuracyRequest
 ) -> AccuracyAnswer:
@@ -129,6 +134,7 @@ def post_accuracy(
 
 
 @router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
+@needs(Role.VIEWER)
 def post_accuracy_from_lines(body: LinesRequest) -> LinesAnswer:
     """Compute ELv and ELSv as the chapter's Table 8.2 has them; nothing is stored."""
     return LinesAnswer.of(line_accuracy(body.linear_um, body.straightness_um))
@@ -137,6 +143,7 @@ def post_accuracy_from_lines(body: LinesRequest) -> LinesAnswer:
 @router.post(
     MACHINE + "/compensation/levels", summary="What better controllers would leave of the error"
 )
+@needs(Role.VIEWER)
 def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) -> LevelsAnswer:
     """Compare controllers that know displacement, straightness, angles or slopes.
 
@@ -156,6 +163,7 @@ def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) 
     summary="What location errors of rotary axes do to carried points",
     response_model=RotaryErrorAnswer,
 )
+@needs(Role.VIEWER)
 def post_rotary_error(
     context: ContextDep, machine: MachinePath, body: RotaryErrorRequest
 ) -> Response:

@@ -6,6 +6,8 @@ from fastapi import Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 import app
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.machine_metrics import machine_metrics
@@ -17,12 +19,14 @@ router = Router(route_class=BodyRoute, tags=["health"])
 
 
 @router.get("/healthz", summary="Process")
+@needs(None)
 async def get_healthz() -> HealthAnswer:
     """Answer as long as the process lives."""
     return HealthAnswer(status="ok", version=app.__version__)
 
 
 @router.get("/readyz", summary="Database and models", responses={503: {"model": ReadyAnswer}})
+@needs(None)
 async def get_readyz(request: Request, context: ContextDep, response: Response) -> ReadyAnswer:
     """Answer 200 when the database is there and every machine's model is in memory."""
     readiness = await request.app.state.readiness.answer() or without_answer(context)
@@ -37,6 +41,7 @@ async def get_readyz(request: Request, context: ContextDep, response: Response) 
 
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=Response)
+@needs(Role.VIEWER, all_machines=True)
 async def get_metrics(request: Request) -> Response:
     """Write counters, latencies and machines' values in Prometheus' text format.
 

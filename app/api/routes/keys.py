@@ -7,8 +7,8 @@ from typing import Annotated, Final
 from fastapi import Path, Query, Request, Response
 from starlette.exceptions import HTTPException
 
-from app.access.keys import AccessKey, NewAccessKey
-from app.api.access import AccessControl
+from app.access.keys import AccessKey, NewAccessKey, Role
+from app.api.access import Access, AccessControl
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.router import Router
@@ -31,7 +31,13 @@ async def expect_keys(request: Request) -> None:
         )
 
 
-router = Router(route_class=BodyRoute, read_first=expect_keys, prefix="/v1/keys", tags=["keys"])
+router = Router(
+    route_class=BodyRoute,
+    read_first=expect_keys,
+    access=Access(Role.ADMIN, all_machines=True),
+    prefix="/v1/keys",
+    tags=["keys"],
+)
 
 KeyPath = Annotated[str, Path(description="The key's name", examples=["line-3"])]
 LastAdminQuery = Annotated[

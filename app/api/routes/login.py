@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import RedirectResponse, Response
 
 from app.access.keys import Role
-from app.api.access import COOKIE, LOGIN, AccessControl, stated_secret
+from app.api.access import COOKIE, LOGIN, Access, AccessControl, stated_secret
 from app.api.bodies import received
 from app.api.pages import Page
 from app.api.router import Router
@@ -20,7 +20,7 @@ from app.errors import InvalidContent
 from app.pages.environment import render_live
 from app.services.access_keys import BROWSER_LASTS
 
-router = Router(include_in_schema=False)
+router = Router(access=Access(None), include_in_schema=False)
 
 _LONGEST_FORM: Final = 4096
 _MOST_FIELDS: Final = 8

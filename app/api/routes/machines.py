@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from fastapi import Request, Response
 
-from app.api.access import sees
+from app.access.keys import Role
+from app.api.access import needs, sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
@@ -21,6 +22,7 @@ router = Router(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 
 
 @router.post("", status_code=201, summary="Create a machine")
+@needs(Role.ADMIN)
 def post_machine(context: ContextDep, body: MachineSettings, response: Response) -> MachineAnswer:
     """Create a machine with its axes and sensors."""
     stored = create_machine(context, body.to_machine())
@@ -43,12 +45,14 @@ def get_machine(context: ContextDep, machine: MachinePath) -> MachineAnswer:
 
 
 @router.patch("/{machine}", summary="Change a machine")
+@needs(Role.ADMIN)
 def patch_machine(context: ContextDep, machine: MachinePath, body: MachinePatch) -> MachineAnswer:
     """Change the stated settings; the live table follows at once."""
     return MachineAnswer.of(change_machine(context, machine, body.apply))
 
 
 @router.delete("/{machine}", status_code=204, summary="Delete a machine")
+@needs(Role.ADMIN)
 def delete_machine_route(context: ContextDep, machine: MachinePath) -> None:
     """Delete a machine with all its maps, models and readings.
 

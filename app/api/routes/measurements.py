@@ -9,6 +9,8 @@ import numpy as np
 from fastapi import Depends, Query, Request
 from starlette.concurrency import run_in_threadpool
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most, in_a_thread
 from app.api.dependencies import (
     AcceptLossesQuery,
@@ -325,6 +327,7 @@ def post_thermal_drift(
 
 
 @router.post("/step-diagonal/simulate", summary="What a laser would read on the step diagonals")
+@needs(Role.VIEWER)
 def post_simulation(
     context: ContextDep, machine: MachinePath, body: StepDiagonalSimulation
 ) -> SimulatedStepDiagonal:

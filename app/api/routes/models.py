@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from fastapi import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import (
     AcceptLossesQuery,
@@ -71,6 +73,7 @@ def put_assignment(
 
 
 @router.post("/sensor-assignment/correlate", summary="Propose sensors by correlation")
+@needs(Role.VIEWER)
 def post_correlate(context: ContextDep, machine: MachinePath) -> CorrelationAnswer:
     """Correlate each component's change over the maps with each sensor; nothing changes."""
     return CorrelationAnswer.of(correlate_sensors(context, machine))

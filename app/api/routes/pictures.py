@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 from fastapi import Header, Query
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import HTML, JSON
@@ -65,6 +67,7 @@ def get_picture(
     responses=_FORMS,
     response_class=Response,
 )
+@needs(Role.VIEWER)
 def post_picture(
     context: ContextDep, machine: MachinePath, body: PictureRequest, accept: AcceptHeader = JSON
 ) -> Response:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
@@ -14,6 +16,7 @@ router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["l
 @router.post(
     "/predictions", summary="Predict errors at given times", openapi_extra=body_of_at_most(32)
 )
+@needs(Role.VIEWER)
 def post_predictions(
     context: ContextDep, machine: MachinePath, body: PredictionRequest
 ) -> PredictionAnswer:

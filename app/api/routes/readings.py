@@ -9,6 +9,8 @@ from fastapi import Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute, DirectRoute, Written, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
@@ -53,6 +55,7 @@ LimitQuery = Annotated[int, Query(ge=1, le=100_000, description="At most so many
     response_model=StoredReadings,
     openapi_extra=body_of_at_most(16),
 )
+@needs(Role.SENSOR)
 async def post_readings(
     request: Request, context: ContextDep, machine: MachinePath, body: OneOrMoreReadings
 ) -> Response:

@@ -8,6 +8,8 @@ import orjson
 from fastapi import Header, Query
 from starlette.responses import Response
 
+from app.access.keys import Role
+from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import CSV, HTML, JSON
@@ -69,6 +71,7 @@ def get_residuals(
     responses=_FORMS,
     response_model=ResidualsAnswer,
 )
+@needs(Role.VIEWER)
 def post_residuals(
     context: ContextDep, machine: MachinePath, body: ResidualsRequest, accept: Accept = JSON
 ) -> Response:
@@ -82,6 +85,7 @@ def post_residuals(
     summary="Compare model versions on verifications",
     response_model=ModelComparisonAnswer,
 )
+@needs(Role.VIEWER)
 def post_comparison(context: ContextDep, machine: MachinePath, body: ComparisonRequest) -> Response:
     """Show versions side by side, on the observations that can be compared with all of them."""
     chosen, compared = compare_models(context, machine, body.verifications, body.versions)
