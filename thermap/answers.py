@@ -2262,6 +2262,12 @@ class VerificationAnswer(Shape):
     nothing
     """
 
+    instrument: str | None = None
+    """What measured, for the certificate"""
+
+    operator: str | None = None
+    """Who measured, for the certificate"""
+
     first_at: AwareDatetime
     """Time of its first observation, UTC"""
 
@@ -2299,6 +2305,12 @@ class VerificationPreview(Shape):
     """Standard deviation of one length [µm], where it is known; of angles and squareness it says
     nothing
     """
+
+    instrument: str | None = None
+    """What measured, for the certificate"""
+
+    operator: str | None = None
+    """Who measured, for the certificate"""
 
     first_at: AwareDatetime
     """Time of its first observation, UTC"""
@@ -3200,6 +3212,9 @@ class MachineAnswer(Shape):
 
     name: str
     """Name for people"""
+
+    serial_number: str | None = None
+    """The manufacturer's, as on the type plate"""
 
     configuration: str
     """Kinematic chain: axes before F move the workpiece, those after it the tool"""

@@ -826,6 +826,12 @@ class VerificationRequest(Shape):
     nothing
     """
 
+    instrument: str | None = None
+    """What measured, for the certificate"""
+
+    operator: str | None = None
+    """Who measured, for the certificate"""
+
     observations: list[MeasuredObservation]
     """What was measured"""
 
@@ -1063,6 +1069,9 @@ class MachinePatch(Shape):
     name: str | None = None
     """Name for people"""
 
+    serial_number: str | None = None
+    """Serial number; null removes it"""
+
     configuration: str | None = None
     """Kinematic chain"""
 
@@ -1093,6 +1102,9 @@ class MachineSettings(Shape):
 
     name: str
     """Name for people"""
+
+    serial_number: str | None = None
+    """The manufacturer's, as on the type plate"""
 
     configuration: str
     """Kinematic chain: axes before F move the workpiece, those after it the tool"""

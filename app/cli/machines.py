@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 machines = command_group()
 
 SETTINGS: Final = (
-    *("name", "configuration", "out_of_range", "extrapolation_margin_c"),
+    *("name", "serial_number", "configuration", "out_of_range", "extrapolation_margin_c"),
     *("extrapolation_error_ratio", "same_temperature"),
     "axes.AXIS.min_mm",
     "axes.AXIS.max_mm",
@@ -38,7 +38,10 @@ SETTINGS: Final = (
 )
 """What `thermap machines set` changes."""
 
-_WORDS: Final = ("name", "configuration", "out_of_range", "same_temperature", "stand_in")
+_WORDS: Final = (
+    *("name", "serial_number", "configuration", "out_of_range", "same_temperature"),
+    "stand_in",
+)
 """Settings that are words, also where they look like numbers."""
 
 
@@ -111,7 +114,7 @@ def set_machine(
 ) -> None:
     """Change settings of a machine; all of them or, if one is wrong, none.
 
-    Keys: `name`, `configuration`, `out_of_range` (clamp, extrapolate, reject),
+    Keys: `name`, `serial_number`, `configuration`, `out_of_range` (clamp, extrapolate, reject),
     `extrapolation_margin_c`, `extrapolation_error_ratio`, `same_temperature`, `axes.x.min_mm`,
     `axes.x.max_mm`, and of each sensor `sensors.NAME.stand_in`, `….min_c`, `….max_c`,
     `….max_age_s` and so on, as `thermap machines show` lists them. A value `null` takes away.
@@ -165,6 +168,7 @@ def machine_view(one: MachineAnswer) -> RenderableType:
     head = facts(
         ("machine", one.id),
         ("name", one.name),
+        ("serial number", one.serial_number or "–"),
         ("configuration", one.configuration),
         ("axes", ", ".join(f"{a} {t.min_mm:g} to {t.max_mm:g} mm" for a, t in one.axes.items())),
         ("outside maps", one.out_of_range + (margin if one.out_of_range == "extrapolate" else "")),

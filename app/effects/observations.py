@@ -121,6 +121,8 @@ class Verification:
         Standard deviation of one observation [µm], where the shop knows it.
     is_planned
         Whether it is yet to be measured: its values stand for nothing.
+    instrument, operator
+        What measured, and who: for its certificate alone.
     """
 
     label: str
@@ -128,6 +130,8 @@ class Verification:
     datum: Datum = Datum.ABSOLUTE
     repeatability_um: float | None = None
     is_planned: bool = False
+    instrument: str | None = None
+    operator: str | None = None
 
     @property
     def remarks(self) -> list[str]:

@@ -177,6 +177,8 @@ def read_of_verification(found: Verification) -> WhatWasRead:
             ("repeatability", _repeatability(found.repeatability_um)),
             ("measured", span),
             ("set-ups", list_names(sorted(setups)) if setups else NOT_STATED),
+            ("instrument", found.instrument or NOT_STATED),
+            ("operator", found.operator or NOT_STATED),
         ],
         [ReadComponent(name, _unit(name), of_ways) for name, of_ways in sorted(lines.items())],
     )

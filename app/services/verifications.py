@@ -31,6 +31,7 @@ from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.records import ModelVersion, StoredVerification
 from app.storage.verifications import (
+    NAMES,
     find_verification,
     find_verification_by_label,
     insert_verification,
@@ -81,7 +82,7 @@ def store_verification(
     """
     known = check_verification(context, machine_id, verification)
     if known is not None:
-        return VerificationStoredOnce(known, False)
+        return VerificationStoredOnce(_named(context, machine_id, known, verification), False)
     judge_awaiting(context, machine_id)  # what was stored before is judged before
     while True:
         judged = judge_verification(context, machine_id, verification)
@@ -236,6 +237,20 @@ def _known(
         f"machine {machine_id!r} has another verification {verification.label!r} "
         f"(number {row.id}); choose another label, or delete that one first"
     )
+
+
+def _named(
+    context: Context, machine_id: str, known: StoredVerification, verification: Verification
+) -> StoredVerification:
+    """Write instrument and operator to a stored verification that lacks them."""
+    lacking = [n for n in NAMES if getattr(verification, n) and not getattr(known, n)]
+    if not lacking:
+        return known
+    with context.database.writing() as session:
+        row = find_verification(session, machine_id, known.id)
+        for name in lacking:
+            setattr(row, name, getattr(verification, name))
+        return stored_verification(row)
 
 
 def check_places(machine: Machine, observations: Sequence[Observation]) -> None:

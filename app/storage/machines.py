@@ -148,6 +148,7 @@ def stored_machine(row: MachineRow) -> StoredMachine:
         extrapolation_margin_c=row.extrapolation_margin_c,
         extrapolation_error_ratio=row.extrapolation_error_ratio,
         same_temperature=SameTemperature(row.same_temperature),
+        serial_number=row.serial_number,
     )
     return StoredMachine(
         machine,
@@ -167,3 +168,4 @@ def _write(row: MachineRow, machine: Machine) -> None:
     row.extrapolation_margin_c = machine.extrapolation_margin_c
     row.extrapolation_error_ratio = machine.extrapolation_error_ratio
     row.same_temperature = machine.same_temperature.value
+    row.serial_number = machine.serial_number

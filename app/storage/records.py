@@ -73,6 +73,8 @@ class StoredVerification:
     observations: int
     components: Sequence[str]
     judgement: Judgement | None
+    instrument: str | None = None
+    operator: str | None = None
 
 
 class AnalysisStatus(StrEnum):

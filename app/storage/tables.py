@@ -108,6 +108,7 @@ class MachineRow(Base):
     extrapolation_margin_c: Mapped[float]
     extrapolation_error_ratio: Mapped[float] = mapped_column(default=3.0, server_default="3.0")
     same_temperature: Mapped[str] = mapped_column(String(16))
+    serial_number: Mapped[str | None] = mapped_column(Text)
     active_version: Mapped[int | None]
     waiting_version: Mapped[int | None]
     revision: Mapped[int] = mapped_column(default=1)
@@ -288,6 +289,8 @@ class VerificationRow(Base):
     label: Mapped[str] = mapped_column(Text)
     datum: Mapped[str] = mapped_column(String(16))
     repeatability_um: Mapped[float | None]
+    instrument: Mapped[str | None] = mapped_column(Text)
+    operator: Mapped[str | None] = mapped_column(Text)
     stored_at: Mapped[datetime]
     first_at: Mapped[datetime]
     last_at: Mapped[datetime]

@@ -34,6 +34,10 @@ _FACTS: Final = (
 )
 
 
+NAMES: Final = ("instrument", "operator")
+"""What may be named later than the observations are stored."""
+
+
 def insert_verification(
     session: Session,
     machine_id: str,
@@ -135,6 +139,8 @@ def stored_verification(row: VerificationRow) -> StoredVerification:
         observations=row.observations,
         components=row.components,
         judgement=None if row.judgement is None else JUDGEMENTS.read(row.judgement),
+        instrument=row.instrument,
+        operator=row.operator,
     )
 
 
@@ -162,7 +168,14 @@ def read_verification(row: VerificationRow) -> Verification:
             strict=True,
         )
     ]
-    return Verification(row.label, observations, Datum(row.datum), row.repeatability_um)
+    return Verification(
+        row.label,
+        observations,
+        Datum(row.datum),
+        row.repeatability_um,
+        instrument=row.instrument,
+        operator=row.operator,
+    )
 
 
 def _setups(row: VerificationRow) -> list[str | None]:
@@ -173,10 +186,14 @@ def _setups(row: VerificationRow) -> list[str | None]:
 
 
 def same_content(row: VerificationRow, verification: Verification) -> bool:
-    """Whether a row says the same as a verification, bit for bit and in the same order."""
+    """Whether a row says the same as a verification, bit for bit and in the same order.
+
+    Where only one of them names an instrument or an operator, nothing is said otherwise.
+    """
     other = _row(row.machine_id, verification)
     return (
         all(getattr(row, name) == getattr(other, name) for name in _FACTS)
+        and all(len({getattr(row, n), getattr(other, n)} - {None}) < 2 for n in NAMES)
         and all(
             np.ravel(getattr(row, name)).tobytes() == np.ravel(getattr(other, name)).tobytes()
             for name in _ARRAYS
@@ -223,6 +240,8 @@ def _row(machine_id: str, verification: Verification) -> VerificationRow:
         label=verification.label,
         datum=verification.datum.value,
         repeatability_um=verification.repeatability_um,
+        instrument=verification.instrument,
+        operator=verification.operator,
         first_at=datetime.fromtimestamp(times_s.min(), UTC),
         last_at=datetime.fromtimestamp(times_s.max(), UTC),
         observations=len(asked),

@@ -152,6 +152,7 @@ class Machine:
     extrapolation_margin_c: float = 5.0
     extrapolation_error_ratio: float = 3.0
     same_temperature: SameTemperature = SameTemperature.REFUSE
+    serial_number: str | None = None
 
     def __post_init__(self) -> None:
         for axis, travel in self.axes.items():

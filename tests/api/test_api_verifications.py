@@ -231,6 +231,16 @@ async def test_the_same_again_is_the_stored_one_and_other_content_a_conflict(cli
     assert len((await client.get(PATH)).json()) == 1
 
 
+async def test_instrument_and_operator_are_named_with_it_or_later_and_not_changed(client):
+    first = await client.post(PATH, json=verification(instrument="XL-80, no. 4711"))
+    later = await client.post(PATH, json=verification(operator="M. Weber"))
+    assert (first.status_code, later.status_code) == (201, 200)
+    stored = (await client.get(f"{PATH}/{first.json()['id']}")).json()
+    assert (stored["instrument"], stored["operator"]) == ("XL-80, no. 4711", "M. Weber")
+    other = await client.post(PATH, json=verification(operator="K. Braun"))
+    assert "has another verification 'night shift'" in problem(other, 409)["detail"]
+
+
 async def test_a_deleted_verifications_number_is_not_used_again(client):
     made = (await client.post(PATH, json=verification())).json()
     assert (await client.delete(f"{PATH}/{made['id']}")).status_code == 204

@@ -27,7 +27,7 @@ errors = st.floats(-500.0, 500.0).map(lambda v: round(v, 6) + 0.0)
 spread = st.floats(0.01, 5.0).map(lambda v: round(v, 6))
 labels = st.text(
     st.characters(codec="utf-8", categories=("L", "N", "P", "S")), min_size=1, max_size=30
-).map(lambda t: f"M{t}".strip())
+).map(lambda t: f"M{t}M")
 moments = st.datetimes(datetime(2020, 1, 1), datetime(2030, 1, 1)).map(
     lambda t: t.replace(tzinfo=UTC)
 )
@@ -131,13 +131,15 @@ def observations(draw):
     labels,
     st.sampled_from(list(Datum)),
     st.none() | spread,
+    st.none() | labels,
 )
-def test_a_check_comes_back_as_it_was(observed, label, datum, repeatability_um):
-    check = Verification(label, observed, datum, repeatability_um)
+def test_a_check_comes_back_as_it_was(observed, label, datum, repeatability_um, name):
+    check = Verification(label, observed, datum, repeatability_um, instrument=name, operator=name)
     read = parse_csv_verification({"": csv_of_check("mill", check)}, FILE)
     assert read.machine == "mill"
     back = VerificationRequest.model_validate(read.body).to_verification()
     assert (back.label, back.datum) == (label, datum)
+    assert back.instrument == back.operator == name
     assert back.repeatability_um == repeatability_um
     for one, other in zip(observed, back.observations, strict=True):
         assert abs(one.time_s - other.time_s) < 1e-3

@@ -36,10 +36,12 @@ def refused(read):
 
 def test_the_documents_file_of_components(read):
     found = read(EXAMPLES[0])
-    assert {k: found.body[k] for k in ("label", "datum", "repeatability_um")} == {
+    assert {k: v for k, v in found.body.items() if k != "observations"} == {
         "label": "night shift",
         "datum": "absolute",
         "repeatability_um": 0.5,
+        "instrument": "XL-80, no. 4711",
+        "operator": "M. Weber",
     }
     first, _, pitch, square = found.body["observations"]
     assert first == {
@@ -53,7 +55,7 @@ def test_the_documents_file_of_components(read):
     assert (pitch["component"], pitch["measured_urad"]) == ("EBX", 12.4)
     assert (square["component"], square["measured_um_per_m"]) == ("SXY", -8.2)
     assert "position_mm" not in square
-    assert (list(found.remarks), found.lines[0]) == ([], 5)
+    assert (list(found.remarks), found.lines[0]) == ([], 7)
 
 
 def test_the_documents_file_of_points(read):

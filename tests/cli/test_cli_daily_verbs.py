@@ -101,7 +101,7 @@ def test_a_machine_is_shown(thermap):
 def test_settings_are_changed_together(thermap, client):
     found = thermap(
         *("machines", "set", "mcfv5050", "out_of_range=extrapolate", "name=007"),
-        "extrapolation_error_ratio=5",
+        *("extrapolation_error_ratio=5", "serial_number=12345"),
         *("axes.x.max_mm=510", "sensors.x-middle.max_age_s=60"),
         *("sensors.z-column.stand_in=spindle", "--json"),
     )
@@ -110,6 +110,7 @@ def test_settings_are_changed_together(thermap, client):
     assert (now.out_of_range, now.name) == ("extrapolate", "007")
     assert now.extrapolation_error_ratio == 5.0
     shown = " ".join(thermap("machines", "show", "mcfv5050").stdout.split())
+    assert "serial number 12345" in shown
     assert "below 5 times the maps' own (extrapolation_error_ratio)" in shown
     assert (now.axes["x"].min_mm, now.axes["x"].max_mm) == (0, 510)
     assert now.axes["y"].max_mm == 500
@@ -117,7 +118,8 @@ def test_settings_are_changed_together(thermap, client):
     assert by_name["x-middle"].max_age_s == 60
     assert by_name["x-middle"].max_c == 80, "what was not named stays"
     assert by_name["z-column"].stand_in == "spindle"
-    thermap("machines", "set", "mcfv5050", "sensors.z-column.stand_in=null")
+    thermap("machines", "set", "mcfv5050", "sensors.z-column.stand_in=null", "serial_number=null")
+    assert client.machine("mcfv5050").serial_number is None
     assert {s.name: s.stand_in for s in client.machine("mcfv5050").sensors}["z-column"] is None
 
 

@@ -61,7 +61,8 @@ STATE: Final = "state"
 DIRECTIONS: Final = ("+", "-")
 
 _DATUM: Final = choice_among("datum", *(str(datum) for datum in Datum))
-_STATEMENTS: Final[tuple[Statement, ...]] = (_DATUM, REPEATABILITY)
+_OPERATOR: Final = Statement(Named("operator", None), 0, "operator: M. Weber")
+_STATEMENTS: Final[tuple[Statement, ...]] = (_DATUM, REPEATABILITY, _OPERATOR)
 _READ_OF_COMMENTS: Final = frozenset({"label", "instrument"})
 
 _BESIDE: Final = ("time", "direction", "setup", STATE)
@@ -241,11 +242,15 @@ def _component_of(observation: Body) -> Component | None:
 
 
 def _head(comments: Comments, name: str) -> Body:
-    """Label, datum and repeatability, as far as stated."""
+    """What the comment lines say of all observations, as far as stated."""
     stated = comments.statements
     head: Body = {"label": comments.state.get("label") or name}
     if "datum" in stated:
         head["datum"] = stated["datum"]
+    if instrument := comments.state.get("instrument"):
+        head["instrument"] = instrument
+    if operator := stated.get("operator"):
+        head["operator"] = operator
     if REPEATABILITY.thing.full in stated:
         head["repeatability_um"] = stated[REPEATABILITY.thing.full]
     return head

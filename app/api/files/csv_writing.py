@@ -68,6 +68,10 @@ def csv_of_check(machine_id: str, check: Verification) -> str:
     ]
     if check.repeatability_um is not None:
         lines.append(_comment("repeatability_um", repr(check.repeatability_um)))
+    if check.instrument:
+        lines.append(_comment("instrument", check.instrument))
+    if check.operator:
+        lines.append(_comment("operator", check.operator))
     rows = [_cells(one) for one in check.observations]
     columns = sorted({name for row in rows for name in row}, key=_column_order)
     lines.append(csv_line(columns))
@@ -97,6 +101,8 @@ def check_template(machine: Machine, codes: Iterable[str]) -> str:
         "# label:\n",
         _comment("machine", machine.id),
         "# repeatability_um:\n",
+        "# instrument:\n",
+        "# operator:\n",
         "# Times with their zone, such as 2026-03-01T06:00:00Z; error: actual minus nominal.\n",
         csv_line(["time", "component", "position_mm", "direction", "measured_um"]),
     ]

@@ -124,6 +124,9 @@ class MachineSettings(Schema):
 
     id: MachineId
     name: Name = Field(description="Name for people", examples=["MCFV5050LN"])
+    serial_number: Name | None = Field(
+        None, description="The manufacturer's, as on the type plate", examples=["5050-1274"]
+    )
     configuration: str = Field(
         description="Kinematic chain: axes before F move the workpiece, those after it the tool",
         examples=["XYFZ"],
@@ -165,6 +168,7 @@ class MachineSettings(Schema):
             extrapolation_margin_c=self.extrapolation_margin_c,
             extrapolation_error_ratio=self.extrapolation_error_ratio,
             same_temperature=self.same_temperature,
+            serial_number=self.serial_number,
         )
 
 
@@ -202,6 +206,7 @@ class MachinePatch(Schema):
     model_config = ConfigDict(json_schema_extra={"example": {"out_of_range": "extrapolate"}})
 
     name: Name | None = Field(None, description="Name for people")
+    serial_number: Name | None = Field(None, description="Serial number; null removes it")
     configuration: str | None = Field(None, description="Kinematic chain", examples=["XYFZ"])
     axes: dict[str, TravelSchema | None] | None = Field(
         None, description="Travels to change [mm]; null removes one"
@@ -223,7 +228,7 @@ class MachinePatch(Schema):
         present = settings_of(machine)
         for field in self.model_fields_set:
             value = getattr(self, field)
-            if value is None:
+            if value is None and field != "serial_number":
                 raise InvalidContent.of_field(field, "expected a value, got null")
             if field == "axes":
                 merged = {**present["axes"], **{a.lower(): t for a, t in value.items()}}
@@ -237,6 +242,7 @@ def settings_of(machine: Machine) -> dict[str, Any]:
     return {
         "id": machine.id,
         "name": machine.name,
+        "serial_number": machine.serial_number,
         "configuration": machine.chain.text,
         "axes": {axis: TravelSchema(**asdict(t)) for axis, t in machine.axes.items()},
         "sensors": [SensorSchema(**asdict(sensor)) for sensor in machine.sensors.values()],

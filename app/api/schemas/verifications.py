@@ -168,6 +168,12 @@ class VerificationHead(Schema):
         "squareness it says nothing",
         examples=[0.5],
     )
+    instrument: Name | None = Field(
+        None, description="What measured, for the certificate", examples=["XL-80, no. 4711"]
+    )
+    operator: Name | None = Field(
+        None, description="Who measured, for the certificate", examples=["M. Weber"]
+    )
 
 
 class VerificationRequest(VerificationHead):
@@ -212,7 +218,14 @@ class VerificationRequest(VerificationHead):
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
         _expect_deviations(found)
-        return Verification(self.label, tuple(found), self.datum, self.repeatability_um)
+        return Verification(
+            self.label,
+            tuple(found),
+            self.datum,
+            self.repeatability_um,
+            instrument=self.instrument,
+            operator=self.operator,
+        )
 
 
 def _expect_deviations(observations: Sequence[Observation]) -> None:
@@ -253,6 +266,8 @@ class VerificationPreview(_WithExtent):
             label=verification.label,
             datum=verification.datum,
             repeatability_um=verification.repeatability_um,
+            instrument=verification.instrument,
+            operator=verification.operator,
             first_at=min(times),
             last_at=max(times),
             count=len(times),
@@ -278,6 +293,8 @@ class VerificationAnswer(_WithExtent):
             label=stored.label,
             datum=stored.datum,
             repeatability_um=stored.repeatability_um,
+            instrument=stored.instrument,
+            operator=stored.operator,
             stored_at=stored.stored_at,
             first_at=stored.first_at,
             last_at=stored.last_at,

@@ -136,7 +136,8 @@ form.addEventListener("submit", async (event) => {
   button.disabled = true;
   try {
     const name = form.elements.name.value.trim();
-    const body = { name, configuration: form.elements.configuration.value.trim(), axes: travels, sensors: await sensors() };
+    const serial_number = form.elements.serial_number.value.trim() || null;
+    const body = { name, serial_number, configuration: form.elements.configuration.value.trim(), axes: travels, sensors: await sensors() };
     if (stored) {
       await send("PATCH", `/v1/machines/${encodeURIComponent(stored)}`, body);
       location.reload();

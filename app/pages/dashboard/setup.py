@@ -58,6 +58,7 @@ def new_machine_page(now: datetime) -> str:
         form={
             "id": "",
             "name": "",
+            "serial_number": "",
             "configuration": USUAL_CONFIGURATION,
             "travels": {},
             "sensors": [{"name": "", "stand_in": ""}] * FIRST_ROWS,
@@ -111,6 +112,7 @@ def _form(machine: Machine) -> dict[str, Any]:
     return {
         "id": machine.id,
         "name": machine.name,
+        "serial_number": machine.serial_number or "",
         "configuration": machine.chain.text,
         "travels": {axis: (t.min_mm, t.max_mm) for axis, t in machine.axes.items()},
         "sensors": [
