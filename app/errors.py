@@ -31,6 +31,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from app.message import Message
+
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
@@ -157,7 +159,8 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
     if not shown:
         return "none"
     more = len(shown) - limit
-    return ", ".join(shown[:limit]) + (f" and {more} more" if more > 0 else "")
+    named = ", ".join(shown[:limit])
+    return Message("%(names)s and %(more)s more", names=named, more=more) if more > 0 else named
 
 
 def existing_names(names: Iterable[str]) -> str:

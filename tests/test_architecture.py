@@ -18,6 +18,7 @@ PACKAGE = Path(app.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = [
+    {"message"},
     {"units", "errors", "arrays", "answer", "csv_text", "decimal_text", "foreign_text"},
     {"geometry", "supervision"},
     {"thermal"},
@@ -53,6 +54,7 @@ PURE = {
         "csv_text",
         "decimal_text",
         "foreign_text",
+        "message",
         "geometry",
         "thermal",
     ),
@@ -75,7 +77,17 @@ PURE = {
 # pydantic reads the fields of an answer and their descriptions where it is defined; it validates
 # nothing there.
 PURE_LIBRARIES = {
-    *("numpy", "scipy", "threadpoolctl", "plotly", "pydantic", "jinja2", "markupsafe", "app")
+    *(
+        "numpy",
+        "scipy",
+        "threadpoolctl",
+        "plotly",
+        "pydantic",
+        "jinja2",
+        "markupsafe",
+        "babel",
+        "app",
+    )
 } | (
     set(sys.stdlib_module_names)
     - {"time", "os", "pathlib", "random", "sqlite3", "socket", "threading", "asyncio", "http"}

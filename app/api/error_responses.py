@@ -18,7 +18,7 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from app.api.field_errors import field_error
-from app.api.pages import Page, wants_page
+from app.api.pages import Page, take_reader, wants_page
 from app.api.request_log import request_id
 from app.api.schemas.in_pieces import ENOUGH_ERRORS
 from app.errors import (
@@ -37,34 +37,35 @@ from app.errors import (
     UnknownThing,
     list_names,
 )
+from app.message import Message
 from app.pages.environment import render_live
 
 log = logging.getLogger("thermap")
 
 STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
-    UnknownThing: (404, "Unknown thing"),
-    Conflict: (409, "Conflict"),
-    InvalidContent: (422, "Invalid content"),
-    StorageUnavailable: (503, "The database is away"),
-    StorageFull: (507, "The disk is full"),
-    StorageBusy: (503, "The database is busy"),
-    QueueFull: (503, "Too many analyses wait"),
-    MachineQueueFull: (429, "Too many analyses of the machine wait"),
-    ServiceStopping: (503, "The service ends"),
-    KeyUnknown: (401, "A key is needed"),
-    NotAllowed: (403, "Not allowed"),
+    UnknownThing: (404, Message("Unknown thing")),
+    Conflict: (409, Message("Conflict")),
+    InvalidContent: (422, Message("Invalid content")),
+    StorageUnavailable: (503, Message("The database is away")),
+    StorageFull: (507, Message("The disk is full")),
+    StorageBusy: (503, Message("The database is busy")),
+    QueueFull: (503, Message("Too many analyses wait")),
+    MachineQueueFull: (429, Message("Too many analyses of the machine wait")),
+    ServiceStopping: (503, Message("The service ends")),
+    KeyUnknown: (401, Message("A key is needed")),
+    NotAllowed: (403, Message("Not allowed")),
 }
 """A kind of error, or the nearest above it, to its status and title."""
 
 _TITLES = {
-    400: "Bad request",
-    403: "Not allowed",
-    404: "Unknown thing",
-    405: "Method not allowed",
-    408: "Request stopped half-way",
-    413: "Too large",
-    415: "Wrong type of content",
-    503: "Too busy",
+    400: Message("Bad request"),
+    403: Message("Not allowed"),
+    404: Message("Unknown thing"),
+    405: Message("Method not allowed"),
+    408: Message("Request stopped half-way"),
+    413: Message("Too large"),
+    415: Message("Wrong type of content"),
+    503: Message("Too busy"),
 }
 
 _AGAIN_LATER = {"Retry-After": "5"}
@@ -117,6 +118,7 @@ def problem_for(
     """Write a problem as a page where a person's browser asked for one, else as `problem` does."""
     if not wants_page(scope):
         return problem(status, title, detail, errors, headers)
+    take_reader(Request(scope))
     content = render_live(
         "problem.html",
         status=status,
@@ -167,7 +169,7 @@ def _http_error(request: Request, error: HTTPException) -> Response:
         return _unreadable(error)
     if error.status_code == 405:
         return _other_method(request)
-    title = _TITLES.get(error.status_code, "Error")
+    title = _TITLES.get(error.status_code, Message("Error"))
     detail = str(error.detail)
     if error.status_code == 404:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
@@ -210,7 +212,7 @@ def _unexpected(request: Request, error: Exception) -> Response:
     log.error("unexpected error at %s", request.url.path, exc_info=error)
     where = f"the service's log has the details, at request {request_id.get()}"
     detail = f"{type(error).__name__}; {where}"
-    return problem_for(request.scope, 500, "Unexpected error", detail)
+    return problem_for(request.scope, 500, Message("Unexpected error"), detail)
 
 
 _WRITERS: Final[Mapping[type, Callable[[Request, Any], Response]]] = {

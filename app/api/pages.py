@@ -8,8 +8,11 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
+from starlette.requests import Request
 from starlette.responses import HTMLResponse
 from starlette.types import Scope
+
+from app.pages.reader import read_reader
 
 _SCRIPT: Final = re.compile(r"<script\b([^<>]*)>|</script>", re.IGNORECASE)
 _NOT_RUN: Final = re.compile(r"\ssrc\s*=|application/json", re.IGNORECASE)
@@ -57,6 +60,11 @@ class Page(HTMLResponse):
         forms = "'self'" if has_form else "'none'"
         policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes, forms=forms)}
         super().__init__(content, status, headers={**PAGE_HEADERS, **policy, **(headers or {})})
+
+
+def take_reader(request: Request) -> None:
+    """Let pages be written as who asks reads them: language, units, zone."""
+    read_reader(request.cookies, request.headers.get("accept-language", ""))
 
 
 def wants_page(scope: Scope) -> bool:

@@ -12,9 +12,22 @@ from markupsafe import Markup
 from app.access.authorization import key_asking, may_make_machines, may_write
 from app.errors import counted
 from app.pages.dashboard.navigation import MACHINE_PAGES
-from app.pages.dashboard.numbers import age, number, signed, with_unit
+from app.pages.dashboard.numbers import (
+    age,
+    degrees,
+    difference,
+    difference_unit,
+    number,
+    place_of,
+    signed,
+    temperature,
+    typed_position,
+    with_unit,
+)
+from app.pages.glossary import entries, named, verdict_words
+from app.pages.languages import decimal_mark, messages_of_scripts, names, translations
 from app.pages.plotly_script import plotly_script
-from app.pages.reader_zone import local, localised, zone_key, zone_name
+from app.pages.reader import local, reader, zone_key, zone_name
 from app.pages.report_parts.component_names import chapter_name, component_name
 from app.pages.report_parts.drawing import figures_json
 from app.pages.report_parts.effect_names import TESTS, kind_name, parameter_name
@@ -27,6 +40,8 @@ from app.pages.report_parts.words import (
     sentence,
     zeros_text,
 )
+from app.pages.wording import all_said, in_english, said, said_near
+from app.pages.wording import counted as counted_in_words
 
 _ENVIRONMENT: Final = Environment(
     loader=PackageLoader("app.pages"),
@@ -35,6 +50,12 @@ _ENVIRONMENT: Final = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
+)
+_ENVIRONMENT.add_extension("jinja2.ext.i18n")
+_ENVIRONMENT.install_gettext_callables(  # type: ignore[attr-defined]
+    lambda message: translations(reader().language).gettext(message),
+    lambda one, more, count: translations(reader().language).ngettext(one, more, count),
+    newstyle=True,
 )
 _ENVIRONMENT.filters |= {
     "figure": figure_text,
@@ -61,18 +82,35 @@ _ENVIRONMENT.globals |= {
     "may_write": may_write,
     "may_make_machines": may_make_machines,
     "zone_key": zone_key,
+    "counted": counted_in_words,
+    "glossary": entries,
+    "script_messages": lambda: messages_of_scripts(reader().language),
+    "reader": reader,
+    "decimal_mark": lambda: decimal_mark(reader().language),
+    "difference_unit": difference_unit,
+    "languages": names,
 }
 _ENVIRONMENT.filters |= {
     "signed": signed,
     "number": number,
     "with_unit": with_unit,
+    "temperature": temperature,
+    "degrees": degrees,
+    "difference": difference,
+    "place_of": place_of,
+    "typed_position": typed_position,
     "age": age,
     "day_and_time": lambda time: f"{local(time):%Y-%m-%d %H:%M:%S}",
     "iso": lambda time: f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}",
     "day": lambda time: f"{local(time):%Y-%m-%d}",
     "time_of_day": lambda time: f"{local(time):%H:%M:%S} {zone_name(time)}",
     "zone_name": zone_name,
-    "localised": localised,
+    "said": said,
+    "said_near": said_near,
+    "all_said": all_said,
+    "in_english": in_english,
+    "named": named,
+    "verdict_words": verdict_words,
 }
 
 

@@ -10,28 +10,32 @@ from typing import Final
 from markupsafe import Markup
 
 from app.effects.observations import POINT_CHANNELS, Observation, Verification
-from app.errors import counted, list_names
+from app.errors import list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
-from app.pages.reader_zone import day_and_time
+from app.message import Message
+from app.pages.dashboard.numbers import marked, temperature
+from app.pages.dashboard.numbers import position as placed
+from app.pages.reader import day_and_time, reader
 from app.pages.report_parts.words import figure_text
+from app.pages.wording import _, counted, said
 from app.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.units import Unit
 
-NOT_STATED: Final = "not stated"
+NOT_STATED: Final = Message("not stated")
 DECIMALS: Final = 2
 
 ZEROS: Final = {
-    Datum.ABSOLUTE: "absolute: the model's own",
-    Datum.FIRST: "first: each component's first value",
-    Datum.FREE: "free: unknown",
+    Datum.ABSOLUTE: Message("absolute: the model's own"),
+    Datum.FIRST: Message("first: each component's first value"),
+    Datum.FREE: Message("free: unknown"),
 }
 
 SIZE: Final = 1000
 FINENESS: Final = 10
 """Units of a plot, and those of its smallest step."""
 
-_WAYS: Final = {1.0: "+", -1.0: "−", 0.0: "direction not stated"}
+_WAYS: Final = {1.0: "+", -1.0: "−", 0.0: Message("direction not stated")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +63,11 @@ class ReadComponent:
 
     @property
     def positions(self) -> str:
-        """From where to where, in mm; empty where there is one value without position."""
+        """From where to where in the reader's unit; empty for one value without position."""
+        if not self._has_positions:
+            return ""
         at = [position for position, _ in self._points]
-        return "" if not self._has_positions else f"{min(at):g} to {max(at):g}".replace("-", "−")
+        return _("%(low)s to %(high)s", low=placed(min(at)), high=placed(max(at)))
 
     @property
     def _has_positions(self) -> bool:
@@ -72,18 +78,19 @@ class ReadComponent:
         """The smallest and the largest, in the unit."""
         values = [value for _, value in self._points]
         ends = dict.fromkeys(figure_text(end, DECIMALS) for end in (min(values), max(values)))
-        return " to ".join(ends)
+        return f" {_('to')} ".join(ends)
 
     @property
     def directions(self) -> str:
         """From where it was approached."""
-        return ", ".join(words for way, words in _WAYS.items() if way in self.lines)
+        return ", ".join(said(words) for way, words in _WAYS.items() if way in self.lines)
 
     @property
     def words(self) -> str:
         """All of it as a line of text."""
-        at = f" over {self.positions} mm" if self.positions else ""
-        count = counted(self.count, "value")
+        over = f"{self.positions} {reader().length}"
+        at = _(" over %(positions)s", positions=over) if self.positions else ""
+        count = counted(self.count, "%(count)s value", "%(count)s values")
         ways = f", {self.directions}" if self._has_positions else ""
         return f"{self.name}: {self.values} {self.unit}{at}, {count}{ways}"
 
@@ -133,7 +140,8 @@ class WhatWasRead:
 def read_of_map(error_map: ErrorMap) -> WhatWasRead:
     """Say what was read of an error map."""
     temperatures = (
-        f"{name} {figure_text(t, DECIMALS)} °C" for name, t in error_map.temperatures_c.items()
+        f"{name} {temperature(t, DECIMALS)} {reader().temperature}"
+        for name, t in error_map.temperatures_c.items()
     )
     components = []
     for code, table in error_map.tables.items():
@@ -150,11 +158,11 @@ def read_of_map(error_map: ErrorMap) -> WhatWasRead:
         )
     return WhatWasRead(
         [
-            ("map", f"‘{error_map.label}’"),
-            ("measured", day_and_time(error_map.measured_at)),
-            ("temperatures", list_names(temperatures)),
-            ("repeatability", _repeatability(error_map.repeatability_um)),
-            ("instrument", error_map.instrument or NOT_STATED),
+            (_("map"), f"‘{error_map.label}’"),
+            (_("measured"), day_and_time(error_map.measured_at)),
+            (_("temperatures"), list_names(temperatures)),
+            (_("repeatability"), _repeatability(error_map.repeatability_um)),
+            (_("instrument"), error_map.instrument or said(NOT_STATED)),
         ],
         components,
     )
@@ -164,7 +172,7 @@ def read_of_verification(found: Verification) -> WhatWasRead:
     """Say what was read of a verification."""
     times = [one.time_s for one in found.observations]
     ends = (datetime.fromtimestamp(t, UTC) for t in (min(times), max(times)))
-    span = " to ".join(dict.fromkeys(map(day_and_time, ends)))
+    span = f" {_('to')} ".join(dict.fromkeys(map(day_and_time, ends)))
     setups = {one.setup for one in found.observations if one.setup is not None}
     lines: dict[str, dict[float, list[tuple[float, float]]]] = {}
     for one in found.observations:
@@ -172,13 +180,13 @@ def read_of_verification(found: Verification) -> WhatWasRead:
             lines.setdefault(name, {}).setdefault(float(way), []).append((position, value))
     return WhatWasRead(
         [
-            ("check", f"‘{found.label}’"),
-            ("zero", ZEROS[found.datum]),
-            ("repeatability", _repeatability(found.repeatability_um)),
-            ("measured", span),
-            ("set-ups", list_names(sorted(setups)) if setups else NOT_STATED),
-            ("instrument", found.instrument or NOT_STATED),
-            ("operator", found.operator or NOT_STATED),
+            (_("check"), f"‘{found.label}’"),
+            (_("zero"), said(ZEROS[found.datum])),
+            (_("repeatability"), _repeatability(found.repeatability_um)),
+            (_("measured"), span),
+            (_("set-ups"), list_names(sorted(setups)) if setups else said(NOT_STATED)),
+            (_("instrument"), found.instrument or said(NOT_STATED)),
+            (_("operator"), found.operator or said(NOT_STATED)),
         ],
         [ReadComponent(name, _unit(name), of_ways) for name, of_ways in sorted(lines.items())],
     )
@@ -196,7 +204,7 @@ def _values_of(one: Observation) -> Iterator[tuple[str, float, float, int]]:
 
 
 def _repeatability(stated_um: float | None) -> str:
-    return NOT_STATED if stated_um is None else f"{stated_um:g} µm"
+    return said(NOT_STATED) if stated_um is None else marked(f"{stated_um:g} µm")
 
 
 def _unit(name: str) -> str:

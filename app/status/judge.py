@@ -20,9 +20,9 @@ from app.errors import (
     OutsideMaps,
     SensorUnavailable,
     ThermapError,
-    counted,
     list_names,
 )
+from app.message import Message, Quantity, joined, several
 from app.status.figures import (
     between_maps_c,
     change_per_h,
@@ -63,7 +63,7 @@ _LAST_UNPLACED: Final = State.EFFECT_NOT_ADOPTED.gravity
 MOST_CODES: Final = 6
 """Components that a sentence names; of the others it says how many they are."""
 
-NOTHING_RESTS: Final = "no component rests on it"
+NOTHING_RESTS: Final = Message("no component rests on it")
 
 
 class Logged(NamedTuple):
@@ -186,38 +186,48 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
         return Cause(State.NO_MODEL, _no_model(situation.model.omitted))
     if situation.latest is None:
         absent = {s.sensor: s.no_value_since for s in situation.sensors}
-        said = [f" {name} {_no_value(situation, at)}." for name, at in absent.items() if at]
-        words = "No reading has come yet: there is no compensation table."
-        return Cause(State.NO_READING, "".join([words, *said[:MOST_CODES]]))
+        said = [_no_value_of(situation, name, at) for name, at in absent.items() if at]
+        words = Message("No reading has come yet: there is no compensation table.")
+        return Cause(State.NO_READING, joined([words, *map(_ended, said[:MOST_CODES])]))
     if isinstance(why, OutsideMaps):
-        return Cause(State.OUTSIDE_MAPS, f"There is no table: {why.detail}.")
+        return Cause(State.OUTSIDE_MAPS, _nothing(why))
     if isinstance(why, SensorUnavailable):
         usable = {s.sensor for s in situation.sensors if s.health in (Health.OK, Health.STALE)}
         without = [g for g in situation.model.groups if not {s.sensor for s in g.scales} & usable]
         failed = {s.sensor: s for s in situation.sensors if s.sensor in {g.sensor for g in without}}
-        details = "; ".join(filter(None, (_detail(situation, s) for s in failed.values())))
+        details = [text for s in failed.values() if (text := _detail(situation, s))]
         codes = [code for group in without for code in group.codes]
         since = [_failed_since(situation, name) for name in failed]
         return Cause(
             State.SENSOR_FAULT,
-            f"There is no table: {details or why.detail}. Nothing stands in for it, and "
-            f"{counted(len(codes), 'component')} cannot be computed.",
+            several(
+                "There is no table: %(why)s. Nothing stands in for it, and %(count)s component "
+                "cannot be computed.",
+                "There is no table: %(why)s. Nothing stands in for it, and %(count)s components "
+                "cannot be computed.",
+                count=len(codes),
+                why=joined(details, "; ") if details else why.detail,
+            ),
             min((time for time in since if time), default=None),
             about=tuple(failed),
         )
-    return Cause(State.SENSOR_FAULT, f"There is no table: {why.detail}.")
+    return Cause(State.SENSOR_FAULT, _nothing(why))
+
+
+def _nothing(why: ThermapError) -> str:
+    return Message("There is no table: %(why)s.", why=why.detail)
 
 
 def _no_model(omitted: Mapping[str, str]) -> str:
     """Say what a model lacks that has no component; the maps may be there."""
     unassigned = [code for code, why in omitted.items() if why == NO_SENSOR]
     if unassigned:
-        return (
-            "There is no compensation table: no sensor is assigned to "
-            f"{list_names(unassigned, MOST_CODES)}. Assign one on the page Set-up, or with "
-            "`thermap sensors assign`."
+        return Message(
+            "There is no compensation table: no sensor is assigned to %(codes)s. Assign one on the "
+            "page Set-up, or with `thermap sensors assign`.",
+            codes=list_names(unassigned, MOST_CODES),
         )
-    return "No component has maps of two thermal states: there is no compensation table."
+    return Message("No component has maps of two thermal states: there is no compensation table.")
 
 
 def _causes(
@@ -233,7 +243,9 @@ def _causes(
         if effect.missing:
             yield Cause(
                 State.EFFECT_MISSING,
-                f"{name} is not in the table: {effect.missing}.",
+                Message(
+                    "%(effect)s is not in the table: %(why)s.", effect=name, why=effect.missing
+                ),
                 touches=effect.components,
                 about=(name,),
             )
@@ -253,7 +265,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
         at = _clock(latest, situation.judged_at)
         yield Cause(
             State.NO_READING,
-            f"No reading since {at}. The table has stood still since then.",
+            Message("No reading since %(time)s. The table has stood still since then.", time=at),
             latest,
             tuple(c.component.code for c in table.components),
         )
@@ -263,7 +275,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
         if codes and sensor.health is Health.STALE:
             yield Cause(
                 State.STALE,
-                f"{_not_read(situation, sensor)}: {_rest_on(codes, 'it')}.",
+                _because(_not_read(situation, sensor), _rest_on_it(len(codes))),
                 _stale_since(situation, sensor),
                 tuple(codes),
                 (sensor.sensor,),
@@ -285,8 +297,7 @@ def _without_value(situation: Situation, table: CompensationTable) -> Iterator[C
         codes = _resting_on(table, sensor.sensor)
         yield Cause(
             State.LATE if codes else State.FRESH,
-            f"{sensor.sensor} {_no_value(situation, since)}: "
-            f"{_rest_on(codes, 'its last one') if codes else NOTHING_RESTS}.",
+            _because(_no_value_of(situation, sensor.sensor, since), _rest_on_last(len(codes))),
             since,
             tuple(codes),
             (sensor.sensor,),
@@ -295,12 +306,17 @@ def _without_value(situation: Situation, table: CompensationTable) -> Iterator[C
 
 def _detail(situation: Situation, sensor: SensorState) -> str:
     since = sensor.no_value_since
-    said = "" if since is None else f"{sensor.sensor} {_no_value(situation, since)}"
-    return "; ".join(filter(None, (sensor.detail, said)))
+    said = [] if since is None else [_no_value_of(situation, sensor.sensor, since)]
+    details = [sensor.detail, *said] if sensor.detail else said
+    return joined(details, "; ") if details else ""
 
 
-def _no_value(situation: Situation, since: datetime) -> str:
-    return f"has no value since {_clock(since, situation.judged_at)}, by what its sender says"
+def _no_value_of(situation: Situation, sensor: str, since: datetime) -> str:
+    return Message(
+        "%(sensor)s has no value since %(time)s, by what its sender says",
+        sensor=sensor,
+        time=_clock(since, situation.judged_at),
+    )
 
 
 def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
@@ -316,29 +332,71 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     codes = tuple(c.component.code for c in table.components if c.component.code in resting)
     longest = max(late.values(), key=lambda s: s.age_s or 0.0)
     measured = situation.judged_at - timedelta(seconds=longest.age_s or 0.0)
-    is_one = len(late) == 1
-    rest = _rest_on(codes, "it" if is_one else "them")
+    words = several(
+        "%(sensors)s has not been read since %(time)s, where a reading usually comes every "
+        "%(interval)s s",
+        "%(sensors)s have not been read since %(time)s, where a reading usually comes every "
+        "%(interval)s s",
+        count=len(late),
+        sensors=list_names(late, MOST_CODES),
+        time=f"{measured:%H:%M:%S} UTC",
+        interval=f"{round(longest.interval_s or 0.0, 1):g}",
+    )
     yield Cause(
         State.LATE,
-        f"{list_names(late, MOST_CODES)} {'has' if is_one else 'have'} not been read since "
-        f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
-        f"{round(longest.interval_s or 0.0, 1):g} s: {rest}.",
+        _because(words, _rest_on_it(len(codes)) if len(late) == 1 else _rest_on_them(len(codes))),
         measured + timedelta(seconds=longest.late_after_s or 0.0),
         codes,
         tuple(late),
     )
 
 
-def _rest_on(codes: Sequence[str], what: str) -> str:
-    verb = "rests" if len(codes) == 1 else "rest"
-    return f"{counted(len(codes), 'component')} {verb} on {what}"
+def _rest_on_it(count: int) -> str:
+    return several(
+        "%(count)s component rests on it", "%(count)s components rest on it", count=count
+    )
+
+
+def _rest_on_them(count: int) -> str:
+    return several(
+        "%(count)s component rests on them", "%(count)s components rest on them", count=count
+    )
+
+
+def _rest_on_last(count: int) -> str:
+    if not count:
+        return NOTHING_RESTS
+    return several(
+        "%(count)s component rests on its last one",
+        "%(count)s components rest on its last one",
+        count=count,
+    )
+
+
+def _because(matter: str, consequence: str) -> str:
+    return Message("%(matter)s: %(consequence)s.", matter=matter, consequence=consequence)
+
+
+def _ended(words: str) -> str:
+    return Message("%(words)s.", words=words)
 
 
 def _not_read(situation: Situation, sensor: SensorState) -> str:
     measured = situation.judged_at - timedelta(seconds=sensor.age_s or 0.0)
-    since = sensor.no_value_since
-    said = "" if since is None else f" and {_no_value(situation, since)}"
-    return f"{sensor.sensor} has not been read since {_clock(measured, situation.judged_at)}{said}"
+    now, since = situation.judged_at, sensor.no_value_since
+    if since is None:
+        return Message(
+            "%(sensor)s has not been read since %(time)s",
+            sensor=sensor.sensor,
+            time=_clock(measured, now),
+        )
+    return Message(
+        "%(sensor)s has not been read since %(time)s and has no value since %(since)s, by what its "
+        "sender says",
+        sensor=sensor.sensor,
+        time=_clock(measured, now),
+        since=_clock(since, now),
+    )
 
 
 def _stale_since(situation: Situation, sensor: SensorState) -> datetime:
@@ -353,13 +411,12 @@ def _outside(
     told: set[str] = set()
     for one in beyond:
         told |= set(one.components)
-        held = one.held_at is not None
-        done = f"held at {one.held_at}" if held else "extrapolated"
-        verb = "is" if len(one.components) == 1 else "are"
+        where = _outside_words(one.outside_k)
         yield Cause(
-            State.CLAMPED if held else State.EXTRAPOLATED,
-            f"{one.sensor} is {_outside_words(one.outside_k)}: "
-            f"{counted(len(one.components), 'component')} {verb} {done}.",
+            State.EXTRAPOLATED if one.held_at is None else State.CLAMPED,
+            _because(
+                Message("%(sensor)s is %(where)s", sensor=one.sensor, where=where), _done(one)
+            ),
             _outside_since(situation, table, one),
             one.components,
             (one.sensor,),
@@ -367,8 +424,13 @@ def _outside(
         if one.lacks is not None and round(abs(one.lacks.value), 1) > 0.0:
             yield Cause(
                 State.CLAMPED,
-                f"If its errors continue in a straight line, {one.lacks.component} lacks "
-                f"{abs(one.lacks.value):.1f} {one.lacks.unit} of compensation{one.lacks.place}.",
+                Message(
+                    "If its errors continue in a straight line, %(code)s lacks %(size)s of "
+                    "compensation%(place)s.",
+                    code=one.lacks.component,
+                    size=Quantity(abs(one.lacks.value), 1, one.lacks.unit),
+                    place=one.lacks.place,
+                ),
             )
     # An effect may read the maps of a component by another sensor than the assigned one.
     for c in table.components:
@@ -380,6 +442,22 @@ def _outside(
                 touches=(code,),
                 about=(code,),
             )
+
+
+def _done(one: BeyondMaps) -> str:
+    count = len(one.components)
+    if one.held_at is None:
+        return several(
+            "%(count)s component is extrapolated",
+            "%(count)s components are extrapolated",
+            count=count,
+        )
+    return several(
+        "%(count)s component is held at %(map)s",
+        "%(count)s components are held at %(map)s",
+        count=count,
+        map=one.held_at,
+    )
 
 
 def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
@@ -397,8 +475,12 @@ def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[
             is_clamped = situation.model.machine.out_of_range == "clamp"
             yield Cause(
                 State.CLAMPED if is_clamped else State.EXTRAPOLATED,
-                f"{scale.sensor} was {_outside_words(float(excess[recent[-1]]))} "
-                f"until {until:%H:%M:%S} UTC.",
+                Message(
+                    "%(sensor)s was %(where)s until %(time)s.",
+                    sensor=scale.sensor,
+                    where=_outside_words(float(excess[recent[-1]])),
+                    time=f"{until:%H:%M:%S} UTC",
+                ),
                 about=(scale.sensor,),
             )
 
@@ -434,10 +516,16 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
         failed = details[assigned]
         is_stale = failed.health is Health.STALE
         why = _not_read(situation, failed) if is_stale else _detail(situation, failed)
+        words = several(
+            "%(sensor)s stands in for %(assigned)s in %(count)s component",
+            "%(sensor)s stands in for %(assigned)s in %(count)s components",
+            count=len(codes),
+            sensor=sensor,
+            assigned=assigned,
+        )
         yield Cause(
             State.STAND_IN,
-            f"{sensor} stands in for {assigned} in {counted(len(codes), 'component')}"
-            f"{f': {why}' if why else ''}.",
+            _because(words, why) if why else _ended(words),
             _stale_since(situation, failed) if is_stale else _failed_since(situation, assigned),
         )
     replaced = {assigned for _, assigned in served}
@@ -447,10 +535,10 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
         is_used = bool(_resting_on(table, state.sensor))
         if state.health is Health.STALE:
             if not is_used and not _has_stopped(situation):
-                yield Cause(State.FRESH, f"{_not_read(situation, state)}: {NOTHING_RESTS}.")
+                yield Cause(State.FRESH, _because(_not_read(situation, state), NOTHING_RESTS))
         else:
-            rest = "" if is_used else f"; {NOTHING_RESTS}"
-            yield Cause(State.FRESH, f"{_detail(situation, state)}{rest}.")
+            said = [_detail(situation, state), *([] if is_used else [NOTHING_RESTS])]
+            yield Cause(State.FRESH, _ended(joined(said, "; ")))
 
 
 def _checked(situation: Situation) -> Iterator[Cause]:
@@ -458,22 +546,32 @@ def _checked(situation: Situation) -> Iterator[Cause]:
     if situation.watch == "beyond":
         yield Cause(
             State.DRIFTING,
-            "Verifications are beyond what the model allows: the machine has changed.",
+            Message("Verifications are beyond what the model allows: the machine has changed."),
             situation.drifting_since,
         )
     check = situation.last_check
     if check is not None and check.as_expected is False:
         about = () if check.component is None else (check.component,)
-        yield Cause(State.CHECK_OFF, f"The last check was {check.text}.", check.time, about=about)
+        yield Cause(
+            State.CHECK_OFF,
+            Message("The last check was %(text)s.", text=check.text),
+            check.time,
+            about=about,
+        )
     if situation.not_adopted is not None:
         effects = situation.not_adopted.effects
-        more = f", and {len(effects) - 1} more" if len(effects) > 1 else ""
-        what = "Analyse again and adopt it" if situation.not_adopted.needs_analysis else "Adopt it"
-        yield Cause(
-            State.EFFECT_NOT_ADOPTED,
-            f"Analysis {situation.not_adopted.analysis} confirmed what the table does not have: "
-            f"{effects[0].removesuffix('.')}{more}. {what}.",
+        more = len(effects) - 1
+        first = effects[0].removesuffix(".")
+        found = Message(
+            "Analysis %(number)s confirmed what the table does not have: %(effects)s.",
+            number=situation.not_adopted.analysis,
+            effects=Message("%(effect)s, and %(more)s more", effect=first, more=more)
+            if more
+            else first,
         )
+        again = Message("Analyse again and adopt it."), Message("Adopt it.")
+        what = again[0] if situation.not_adopted.needs_analysis else again[1]
+        yield Cause(State.EFFECT_NOT_ADOPTED, joined([found, what]))
 
 
 def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensation]) -> list[str]:
@@ -484,9 +582,12 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
         return said
     count = len(components)
     if state is State.FRESH:
-        verb = "lies between its maps" if count == 1 else "lie between their maps"
-        all_of = "The one component" if count == 1 else f"All {count} components"
-        return [f"{all_of} {verb}, on fresh temperatures.", *said]
+        between = several(
+            "The one component lies between its maps, on fresh temperatures.",
+            "All %(count)s components lie between their maps, on fresh temperatures.",
+            count=count,
+        )
+        return [between, *said]
     touched = {code for cause in causes for code in cause.touches}
     others = sum(c.component.code not in touched for c in components)
     # A drift, a check that is off, a wrong clock, positions that are missing: nobody knows whom
@@ -495,8 +596,13 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
         c.touches or c.state.gravity > _LAST_UNPLACED or c.state in _OUTSIDE for c in causes
     )
     if spares and touched and 0 < others < count:
-        words = counted(others, "other component")
-        said.append(f"The {words.removeprefix('1 ')} can be trusted.")
+        said.append(
+            several(
+                "The other component can be trusted.",
+                "The %(count)s other components can be trusted.",
+                count=others,
+            )
+        )
     return said
 
 
@@ -599,8 +705,10 @@ def _age_s(situation: Situation) -> float | None:
 
 
 def _outside_words(outside_k: float) -> str:
-    side = "above the hottest" if outside_k > 0.0 else "below the coldest"
-    return f"{abs(outside_k):.2f} K {side} map"
+    size = Quantity(abs(outside_k), 2, "K")
+    if outside_k > 0.0:
+        return Message("%(size)s above the hottest map", size=size)
+    return Message("%(size)s below the coldest map", size=size)
 
 
 def _sentence(words: str) -> str:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from app.answer import Answer, UnitSymbol
 from app.geometry.components import Component
+from app.message import Message, Quantity, several
 from app.thermal.sensor_health import Health
 
 
@@ -94,8 +95,10 @@ class Largest(Answer, published_as="LargestValue"):
         """Where it is, in words that follow its value: `at Z 400`; empty without a position."""
         if self.axis is None or self.position_mm is None:
             return ""
-        direction = " backward" if self.is_backward else ""
-        return f" at {self.axis.upper()} {self.position_mm:g}{direction}"
+        place = f"{self.axis.upper()} {self.position_mm:g}"
+        if self.is_backward:
+            return Message(" at %(place)s backward", place=place)
+        return Message(" at %(place)s", place=place)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +190,7 @@ class LastCheck(Answer):
     @classmethod
     def unjudged(cls, time: datetime) -> LastCheck:
         """Describe one of which nobody knows what was to be expected."""
-        return cls(time, "what was to be expected of it is not known")
+        return cls(time, Message("what was to be expected of it is not known"))
 
     @classmethod
     def of(
@@ -206,17 +209,34 @@ class LastCheck(Answer):
             `off`, `scatter`, `setup_scatter` and `at_most` [`unit`].
         """
         off, scatter, setup_scatter, at_most = (round(size, 4) for size in sizes)
-        of_values = "" if count == 1 else f" (root mean square of {count} values)"
-        setups = f" and set-ups by ±{in_micro(setup_scatter)} {unit}" if setup_scatter else ""
-        scatters = f"one observation scatters by ±{in_micro(scatter)} {unit}{setups}"
-        text = (
-            f"{in_micro(off)} {unit} off in {component}{of_values}; {scatters}, so at most "
-            f"{in_micro(at_most)} {unit} is expected"
+        found = several(
+            "%(off)s off in %(code)s",
+            "%(off)s off in %(code)s (root mean square of %(count)s values)",
+            count=count,
+            off=_sized(off, unit),
+            code=component,
+        )
+        scatters = Message("one observation scatters by ±%(size)s", size=_sized(scatter, unit))
+        if setup_scatter:
+            scatters = Message(
+                "one observation scatters by ±%(size)s and set-ups by ±%(setups)s",
+                size=_sized(scatter, unit),
+                setups=_sized(setup_scatter, unit),
+            )
+        text = Message(
+            "%(found)s; %(scatters)s, so at most %(most)s is expected",
+            found=found,
+            scatters=scatters,
+            most=_sized(at_most, unit),
         )
         is_as_expected = off <= at_most
         return cls(
             time, text, component, count, off, scatter, setup_scatter, at_most, unit, is_as_expected
         )
+
+
+def _sized(size: float, unit: str) -> Quantity:
+    return Quantity(size, 1 if size >= 1.0 else 2, unit)
 
 
 def in_micro(size: float) -> str:

@@ -43,18 +43,18 @@ async def test_each_step_says_what_it_needs_and_the_last_that_the_table_lives(em
     answer = await empty.post("/v1/machines", json=MACHINE | {"sensors": []})
     assert answer.status_code == 201
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text
-    assert "Next: machine" in page
+    assert "Next: Machine" in page
     assert "The machine has no sensors yet." in page
     await empty.delete(ROOM)
     await own_machine(empty)
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text
-    assert "Next: sensors" in page
+    assert "Next: Sensors" in page
     assert "follow no sensor" in page
     assert "Assign one on the page Set-up" in page
     assigned = await empty.put(ASSIGNMENT, json={"*": "Bed front", "EZZ": "Column 1"})
     assert assigned.status_code == 200, assigned.text
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text
-    assert "Next: readings" in page
+    assert "Next: Readings" in page
     answer = await empty.post(f"{ROOM}/readings", json=renamed(reading(START, 25.0)))
     assert answer.status_code == 201, answer.text
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text

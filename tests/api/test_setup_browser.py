@@ -71,7 +71,7 @@ def test_a_stranger_with_three_files_has_a_live_table(chromium, shop, tmp_path):
         assert barriers(page) == []
         page.locator("#store-machine").click()
         page.wait_for_url("**/machines/halle-2-hmc-630/setup")
-        expect(page.locator("#answer h1")).to_have_text("Next: maps")
+        expect(page.locator("#answer h1")).to_have_text("Next: Maps")
         assert "500.5" in page.locator(".travel[data-axis=x] input").nth(1).input_value()
 
         expect(page.locator("#choose")).to_be_enabled()
@@ -84,13 +84,13 @@ def test_a_stranger_with_three_files_has_a_live_table(chromium, shop, tmp_path):
         for name in ("mid", "hot"):
             expect(page.locator("#preview")).to_contain_text(f"{name}.csv")
             page.locator("#preview [data-do^=store]").click()
-        expect(page.locator("#answer h1")).to_have_text("Next: sensors")
+        expect(page.locator("#answer h1")).to_have_text("Next: Sensors")
 
         page.locator("#propose").click()
         expect(page.locator("[data-changed]")).to_have_count(2)
         page.locator("#assign").click()
         page.locator("#assign-said").get_by_role("button", name="Assign").click()
-        expect(page.locator("#answer h1")).to_have_text("Next: readings")
+        expect(page.locator("#answer h1")).to_have_text("Next: Readings")
 
         temperatures = dict(zip(SENSORS, (26.0, 27.0, 20.0), strict=True))
         now = datetime.now(UTC).isoformat()

@@ -18,7 +18,7 @@ from app.api.dependencies import (
     VerificationPath,
     VersionPath,
 )
-from app.api.pages import Page
+from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.events import BeforeQuery
 from app.connections.reports import ConnectionReports
@@ -35,7 +35,6 @@ from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.setup import Source, new_machine_page, setup_page
 from app.pages.dashboard.stored import stored_check_page, stored_map_page
 from app.pages.dashboard.volume import volume_page
-from app.pages.reader_zone import COOKIE, read_zone
 from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
 from app.services.dashboard import show_machine_view, show_machine_views
@@ -53,12 +52,12 @@ from app.services.verifications import show_verification
 from app.services.volume import show_volume
 
 
-async def _in_readers_zone(request: Request) -> None:
-    """Let times be written in the zone that the browser states."""
-    read_zone(request.cookies.get(COOKIE))
+async def _for_the_reader(request: Request) -> None:
+    """Let pages be written as their reader wants them."""
+    take_reader(request)
 
 
-router = Router(read_first=_in_readers_zone, route_class=BodyRoute, include_in_schema=False)
+router = Router(read_first=_for_the_reader, route_class=BodyRoute, include_in_schema=False)
 
 _HEADERS = {"Cache-Control": "no-store"}
 

@@ -12,7 +12,7 @@ from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.files.file_kind import FileKind, OtherKind, kind_of_file
 from app.api.files.uploaded_verification import UploadedVerification
-from app.api.pages import Page
+from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.map_files import BesideQuery, FoundMap, uploaded_map
 from app.api.routes.verification_files import uploaded_verification
@@ -20,7 +20,6 @@ from app.api.uploads import FILE_BODY, FileContent, FileName
 from app.errors import FieldError, InvalidContent
 from app.pages.dashboard.loop import check_preview
 from app.pages.dashboard.maps import upload_preview
-from app.pages.reader_zone import COOKIE, read_zone
 from app.services.error_maps import preview_error_map
 
 
@@ -43,7 +42,7 @@ async def uploaded_file(
     name: FileName = "file.csv",
 ) -> _Read:
     """Read what came as the kind that is expected, or else as the one that it is."""
-    read_zone(request.cookies.get(COOKIE))
+    take_reader(request)
 
     async def read(kind: FileKind) -> FoundMap | UploadedVerification:
         if kind is FileKind.CHECK:

@@ -14,13 +14,18 @@ from starlette.responses import RedirectResponse, Response
 from app.access.keys import Role
 from app.api.access import COOKIE, LOGIN, Access, AccessControl, stated_secret
 from app.api.bodies import received
-from app.api.pages import Page
+from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.errors import InvalidContent
 from app.pages.environment import render_live
 from app.services.access_keys import BROWSER_LASTS
 
-router = Router(access=Access(None), include_in_schema=False)
+
+async def _for_the_reader(request: Request) -> None:
+    take_reader(request)
+
+
+router = Router(access=Access(None), read_first=_for_the_reader, include_in_schema=False)
 
 _LONGEST_FORM: Final = 4096
 _MOST_FIELDS: Final = 8

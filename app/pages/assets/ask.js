@@ -2,6 +2,23 @@
 
 const PLACES = 1;
 
+// What the page's language says, by the English messages; nothing where the page is English.
+const SAID = JSON.parse(document.getElementById?.("messages")?.textContent ?? "{}");
+const PLURALS = new Intl.PluralRules(document.documentElement.lang || "en");
+const FORMS = ["zero", "one", "two", "few", "many", "other"].filter((form) => PLURALS.resolvedOptions().pluralCategories.includes(form));
+
+const filled = (pattern, values) => pattern.replace(/%\((\w+)\)s|%%/g, (place, name) => (name ? values[name] : "%"));
+
+export function t(message, values = {}) {
+  return filled(SAID[message]?.[0] || message, values);
+}
+
+// A message of so many things, as %(count)s.
+export function counted(count, one, more, values = {}) {
+  const forms = SAID[one] ?? [one, more];
+  return filled(forms[Math.min(FORMS.indexOf(PLURALS.select(count)), forms.length - 1)], { count, ...values });
+}
+
 export class Refusal extends Error {
   constructor(detail, errors, status) {
     super(detail);
@@ -21,14 +38,14 @@ export async function send(method, path, content, accept = "application/json") {
   try {
     answer = await fetch(path, options);
   } catch {
-    throw new Refusal("The service was not reached. Nothing has changed that it did not say.");
+    throw new Refusal(t("The service was not reached. Nothing has changed that it did not say."));
   }
   if (answer.ok) {
     if (answer.status === 204) return null;
     return accept === "application/json" ? answer.json() : answer.blob();
   }
   const problem = await answer.json().catch(() => ({}));
-  throw new Refusal(problem.detail ?? `The service answered ${answer.status}.`, problem.errors, answer.status);
+  throw new Refusal(problem.detail ?? t("The service answered %(status)s.", { status: answer.status }), problem.errors, answer.status);
 }
 
 function element(tag, text, kind) {
@@ -49,11 +66,18 @@ const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1);
 export function refused(place, what, error) {
   const box = element("div", "", "refused");
   box.role = "alert";
-  box.append(element("b", `${what} `), element("span", sentence(error.message)));
-  if (error.errors?.length) box.append(list(error.errors.map((one) => `${one.field}: ${one.message}`)));
+  const why = element("span", sentence(error.message));
+  box.append(element("b", `${what} `), why);
+  // The service answers in English.
+  if (error.status) why.lang = "en";
+  if (error.errors?.length) {
+    const lines = list(error.errors.map((one) => `${one.field}: ${one.message}`));
+    lines.lang = "en";
+    box.append(lines);
+  }
   if (error.status === 409) {
     // Somebody else was first, and this page does not show it yet.
-    const again = element("a", "Show how it is now");
+    const again = element("a", t("Show how it is now"));
     again.href = location.href;
     const line = element("p");
     line.append(again);
@@ -73,7 +97,7 @@ export function askOnce(place, words, lines, verb, act, destroys = false) {
   const box = element("div", "", "asked");
   const buttons = element("div", "", "buttons");
   const yes = element("button", verb, destroys ? "" : "first");
-  const no = element("button", "Leave it as it is", destroys ? "first" : "");
+  const no = element("button", t("Leave it as it is"), destroys ? "first" : "");
   yes.type = no.type = "button";
   no.dataset.leave = "";
   no.addEventListener("click", () => {
@@ -85,7 +109,7 @@ export function askOnce(place, words, lines, verb, act, destroys = false) {
     try {
       await act();
     } catch (error) {
-      refused(place, `Not done: ${verb}.`, error);
+      refused(place, t("Not done: %(act)s.", { act: verb }), error);
     }
   });
   buttons.append(...(destroys ? [no, yes] : [yes, no]));
@@ -96,8 +120,8 @@ export function askOnce(place, words, lines, verb, act, destroys = false) {
   (destroys ? no : yes).focus();
 }
 
-// The zone in which this page writes times.
-const ZONE = document.documentElement.dataset.zone;
+// The zone in which this page writes times, its decimal mark and its units.
+const { zone: ZONE, decimal: MARK = ".", temperature: DEGREES, length: LENGTH } = document.documentElement.dataset;
 const WRITTEN = { timeZone: ZONE, hourCycle: "h23", year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit" };
 
 function parts(time) {
@@ -125,10 +149,50 @@ export function momentOf(typed) {
 }
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
-const THOUSANDS = /^[+-]?[1-9]\d{0,2},\d{3}$/;
+const THOUSANDS = MARK === "," ? /^[+-]?[1-9]\d{0,2}\.\d{3}$/ : /^[+-]?[1-9]\d{0,2},\d{3}$/;
+
+export const marked = (text) => text.replace(".", MARK);
+
+// Units of the service, each with the reader's, and how a value is read back from that.
+const INCH = { unit: "in", from: (inch) => inch * 25.4, to: (mm) => mm / 25.4, digits: 3, typed: 5 };
+const FAHRENHEIT = { unit: "°F", from: (f) => (f - 32) / 1.8, to: (c) => c * 1.8 + 32, digits: 2, typed: 4 };
+const SAME = { from: (value) => value, to: (value) => value };
+
+function readersUnit(unit) {
+  if (unit === "mm" && LENGTH === "in") return INCH;
+  return unit === "°C" && DEGREES === "°F" ? FAHRENHEIT : { ...SAME, unit };
+}
+
+const rounded = (value, digits) => Number(value.toFixed(digits));
+
+// A value and its unit as the reader wants them.
+export function inReadersUnit(value, unit) {
+  const own = readersUnit(unit);
+  return [own.to(value), own.unit];
+}
+
+export function position(mm) {
+  const own = readersUnit("mm");
+  return marked(`${own.digits ? rounded(own.to(mm), own.digits) : mm}`.replace("-", "−"));
+}
+
+// Fills a field that says its unit; the exact value stays beside what is shown.
+export function fill(field, value) {
+  const own = readersUnit(field.dataset.unit);
+  field.value = value === null ? "" : marked(`${own.typed ? rounded(own.to(value), own.typed) : value}`);
+  field.dataset.shown = field.value;
+  field.dataset.si = value ?? "";
+}
+
+// What a field says, in the unit of the service: what is as it was filled is what it was filled with.
+export function valueOf(field) {
+  if (field.dataset.si && field.value === (field.dataset.shown ?? field.defaultValue)) return Number(field.dataset.si);
+  const typed = numberOf(field.value);
+  return typed === null ? null : rounded(readersUnit(field.dataset.unit).from(typed), 9);
+}
 
 // A number as people type it, with a decimal point or comma, whatever the browser's language is.
-// Gives null for what is none, and for a comma of which nobody knows whether it parts thousands.
+// Gives null for what is none, and for a mark of which nobody knows whether it parts thousands.
 export function numberOf(text) {
   const plain = text.trim().replace("−", "-");
   if (THOUSANDS.test(plain)) return null;
@@ -138,34 +202,47 @@ export function numberOf(text) {
 
 export function signed(value) {
   const text = Math.abs(value).toFixed(PLACES);
-  if (Number(text) === 0) return text;
-  return (value > 0 ? "+" : "−") + text;
+  if (Number(text) === 0) return marked(text);
+  return (value > 0 ? "+" : "−") + marked(text);
 }
 
 // What a preview says: the largest change now and its place, and where it was larger before.
 export function changeWords(preview) {
   const [then] = preview.recorded.changes;
   if (!then) return changeNow(preview);
-  const at = then.position_mm === null ? "" : ` at ${then.component.at(-1)} ${then.position_mm}`;
+  const at = placeOf(then);
   const when = dayAndTime(then.time);
-  return (
-    `${changeNow(preview)} At the worst of ${preview.recorded.count} recorded readings (${when}) it would have changed ` +
-    `${then.component} by ${signed(then.change)} ${then.unit}${at}.`
+  const values = { time: when, code: then.component, size: `${signed(then.change)} ${then.unit}${at}` };
+  const worst = counted(
+    preview.recorded.count,
+    "At the one recorded reading (%(time)s) it would have changed %(code)s by %(size)s.",
+    "At the worst of %(count)s recorded readings (%(time)s) it would have changed %(code)s by %(size)s.",
+    values,
   );
+  return `${changeNow(preview)} ${worst}`;
+}
+
+function placeOf({ component, position_mm: mm }) {
+  if (mm === null) return "";
+  return ` ${t("at %(place)s", { place: `${component.at(-1)} ${position(mm)}${LENGTH === "in" ? " in" : ""}` })}`;
 }
 
 function changeNow(preview) {
-  if (preview.not_compared) return `What it changes now is not known: ${preview.not_compared}.`;
+  if (preview.not_compared) return t("What it changes now is not known: %(why)s.", { why: preview.not_compared });
   const [largest, ...others] = preview.changes;
-  if (!largest || largest.change === 0) return "At the present temperatures it changes nothing.";
-  const at = largest.position_mm === null ? "" : ` at ${largest.component.at(-1)} ${largest.position_mm}`;
+  if (!largest || largest.change === 0) return t("At the present temperatures it changes nothing.");
+  const at = placeOf(largest);
   const rest = others.filter((one) => one.change !== 0).length;
-  return (
-    `The error in the live table changes now: ${largest.component} by ${signed(largest.change)} ${largest.unit}${at}` +
-    (rest ? `, ${rest} more components by less.` : ", nothing else.")
+  const values = { code: largest.component, size: `${signed(largest.change)} ${largest.unit}${at}` };
+  if (!rest) return t("The error in the live table changes now: %(code)s by %(size)s, nothing else.", values);
+  return counted(
+    rest,
+    "The error in the live table changes now: %(code)s by %(size)s, %(count)s more component by less.",
+    "The error in the live table changes now: %(code)s by %(size)s, %(count)s more components by less.",
+    values,
   );
 }
 
 export function lossLines(preview) {
-  return preview.loses.map((one) => `It would lose ${one.text}.`);
+  return preview.loses.map((one) => t("It would lose %(what)s.", { what: one.text }));
 }

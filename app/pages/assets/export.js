@@ -1,5 +1,5 @@
 // A controller's files: what they are, what to check after loading, and what they do not hold.
-import { list, numberOf, refused, Refusal, send, signed, timeOfDay, told } from "./ask.js";
+import { counted, inReadersUnit, list, marked, numberOf, refused, Refusal, send, signed, t, timeOfDay, told } from "./ask.js";
 
 const room = document.getElementById("export");
 const form = document.getElementById("options");
@@ -114,13 +114,13 @@ function sentence(words) {
   return `${words[0].toUpperCase()}${words.slice(1)}.`;
 }
 
-const SIGNS = { error: "error, actual minus nominal", compensation: "compensation, minus the error" };
+const SIGNS = { error: t("error, actual minus nominal"), compensation: t("compensation, minus the error") };
 
 function head(answer) {
-  const at = Object.entries(answer.temperatures_c).map(([name, t]) => `${name} ${t.toFixed(2).replace("-", "−")}\u00a0°C`);
-  const made = add("p", place, `Made ${timeOfDay(answer.computed_at)} with v${answer.model_version} at ${at.join(", ")}. Values: ${SIGNS[answer.sign]}.`);
+  const at = Object.entries(answer.temperatures_c).map(([name, c]) => `${name} ${marked(inReadersUnit(c, "°C")[0].toFixed(2).replace("-", "−"))}\u00a0${inReadersUnit(c, "°C")[1]}`);
+  const made = add("p", place, t("Made %(time)s with v%(version)s at %(temperatures)s. Values: %(sign)s.", { time: timeOfDay(answer.computed_at), version: answer.model_version, temperatures: at.join(", "), sign: SIGNS[answer.sign] }));
   made.tabIndex = -1;
-  if (!answer.complete) add("p", place, "The compensation table is not complete.", "caution");
+  if (!answer.complete) add("p", place, t("The compensation table is not complete."), "caution");
   if (answer.warnings.length) place.append(list(answer.warnings.map(sentence)));
 }
 
@@ -128,37 +128,37 @@ function shown(answer) {
   place.replaceChildren();
   head(answer);
   table(
-    "Check after loading",
-    ["Axis", "to, mm", "direction", "moves", "by, µm", "shows"],
+    t("Check after loading"),
+    [t("Axis"), t("to, mm"), t("direction"), t("moves"), t("by, µm"), t("shows")],
     [0, 2, 3, 5],
     answer.check.map((one) => [
-      one.axis.toUpperCase(), `${one.position_mm}`.replace("-", "−"), one.direction.replace("-", "−"),
+      one.axis.toUpperCase(), marked(`${one.position_mm}`).replace("-", "−"), one.direction.replace("-", "−"),
       one.moved_axis.toUpperCase(), signed(one.expected_movement_um), one.component,
     ]),
-    "There is no move that would show it: the compensation is zero.",
+    t("There is no move that would show it: the compensation is zero."),
   );
   table(
-    "Not held by this controller",
-    ["Component", "largest", "why"],
+    t("Not held by this controller"),
+    [t("Component"), t("largest"), t("why")],
     [0, 2],
-    answer.not_held.map((one) => [one.component, `${one.largest.toFixed(1)} ${one.unit}`, one.why]),
-    "It holds everything.",
+    answer.not_held.map((one) => [one.component, `${marked(one.largest.toFixed(1))} ${one.unit}`, one.why]),
+    t("It holds everything."),
   );
   table(
-    "Added by spacing and rounding",
-    ["Component", "largest"],
+    t("Added by spacing and rounding"),
+    [t("Component"), t("largest")],
     [0],
-    answer.resampling.map((one) => [one.component, `${one.largest_deviation.toFixed(1)} ${one.unit}`]),
-    "Nothing.",
+    answer.resampling.map((one) => [one.component, `${marked(one.largest_deviation.toFixed(1))} ${one.unit}`]),
+    t("Nothing."),
   );
-  add("h3", place, "Files");
+  add("h3", place, t("Files"));
   for (const file of answer.files) {
     const row = add("div", place, undefined, "file");
     const one = add("details", row);
     add("summary", one, `${file.name} (${file.role})`);
     const text = add("pre", one, file.content);
     text.tabIndex = 0;
-    const button = add("button", row, `Save ${file.name}`, "small");
+    const button = add("button", row, t("Save %(file)s", { file: file.name }), "small");
     button.type = "button";
     button.addEventListener("click", () => save(new Blob([file.content], { type: "text/plain" }), file.name));
   }
@@ -167,13 +167,13 @@ function shown(answer) {
 
 async function ask(what, act) {
   clear();
-  told(said, "Making the files.");
+  told(said, t("Making the files."));
   show.disabled = download.disabled = true;
   try {
     await act();
   } catch (error) {
     const left = error.errors?.length ? placed(error.errors) : [];
-    const words = error.errors?.length && !left.length ? "What is wrong stands at its option." : error.message;
+    const words = error.errors?.length && !left.length ? t("What is wrong stands at its option.") : error.message;
     refused(said, what, new Refusal(words, left.length === error.errors?.length ? [] : left));
   }
   show.disabled = download.disabled = false;
@@ -182,7 +182,7 @@ async function ask(what, act) {
 form?.addEventListener("submit", (event) => {
   event.preventDefault();
   place.replaceChildren();
-  ask("No file was made.", async () => {
+  ask(t("No file was made."), async () => {
     const answer = await send("POST", room.dataset.path, stated());
     said.replaceChildren();
     shown(answer);
@@ -191,9 +191,9 @@ form?.addEventListener("submit", (event) => {
 
 // A zip is made anew, at the reading of its own moment, and has its own check table.
 download?.addEventListener("click", () =>
-  ask("Nothing was downloaded.", async () => {
+  ask(t("Nothing was downloaded."), async () => {
     save(await send("POST", room.dataset.path, stated(), "application/zip"), room.dataset.name);
-    told(said, `${room.dataset.name} was made ${timeOfDay(Date.now())} at the reading of then. Its check table is in it: thermap-check.txt.`);
+    told(said, t("%(file)s was made %(time)s at the reading of then. Its check table is in it: thermap-check.txt.", { file: room.dataset.name, time: timeOfDay(Date.now()) }));
   }),
 );
 
@@ -202,7 +202,7 @@ form?.addEventListener("input", () => {
   clear();
   place.replaceChildren();
   const count = others ? new Set([...others.querySelectorAll("input, select")].filter(hasChanged).map((one) => one.closest(".option"))).size : 0;
-  if (others) document.getElementById("others-said").textContent = count ? `${count} stated otherwise` : "all at the default";
+  if (others) document.getElementById("others-said").textContent = count ? counted(count, "%(count)s stated otherwise", "%(count)s stated otherwise") : t("all at the default");
 });
 
 if (form) show.disabled = download.disabled = false;

@@ -1,6 +1,6 @@
 // The fleet: asks for the analyses that are missing, follows them, and cancels them. Which they are,
 // and what they say together, the service says.
-import { list, refused, Refusal, send } from "./ask.js";
+import { list, refused, Refusal, send, t } from "./ask.js";
 
 const EVERY_MS = 2000;
 const main = document.querySelector("main");
@@ -36,8 +36,8 @@ async function refresh() {
 }
 
 const ROUTES = {
-  start: ["/v1/fleet/analyses", "Not started on every machine."],
-  cancel: ["/v1/fleet/analyses/cancel", "Not cancelled on every machine."],
+  start: ["/v1/fleet/analyses", t("Not started on every machine.")],
+  cancel: ["/v1/fleet/analyses/cancel", t("Not cancelled on every machine.")],
 };
 
 main.addEventListener("click", async (event) => {
@@ -52,7 +52,7 @@ main.addEventListener("click", async (event) => {
     const found = await send("POST", path, document.getElementById("fleet").dataset.asked);
     const wrong = Object.entries(found.refused).map(([machine, why]) => `${machine}: ${why}`);
     if (wrong.length) {
-      refused(said, words, new Refusal(found.queue_full ? "Ask again when fewer analyses wait." : "Nothing else was left out."));
+      refused(said, words, new Refusal(found.queue_full ? t("Ask again when fewer analyses wait.") : t("Nothing else was left out.")));
       said.firstChild.append(list(wrong));
     }
   } catch (error) {

@@ -1,6 +1,6 @@
 // A machine over time. The service sums up and computes; here it is drawn, in one picture whose
 // charts share their axis of time. The address holds what is shown.
-import { dayAndTime, numberOf, refused, send, typedOf } from "./ask.js";
+import { dayAndTime, fill, inReadersUnit, marked, position as placed, refused, send, t, typedOf, valueOf } from "./ask.js";
 
 const LIVE_MS = 10000;
 const SHORTEST_S = 60;
@@ -18,8 +18,9 @@ const choices = document.getElementById("choices");
 const machine = document.getElementById("charts").dataset.machine;
 const address = `/v1/machines/${encodeURIComponent(machine)}/history`;
 const ZONE = document.documentElement.dataset.zone;
+const LANGUAGE = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
 const asTime = (options) => {
-  const format = new Intl.DateTimeFormat("en-GB", { timeZone: ZONE, ...options });
+  const format = new Intl.DateTimeFormat(LANGUAGE, { timeZone: ZONE, ...options });
   return (s) => format.format(new Date(1000 * s));
 };
 const fullTime = (s) => dayAndTime(1000 * s);
@@ -53,13 +54,18 @@ function readAddress() {
   boxes.forEach((box, i) => { box.checked = isStated ? sensors.includes(box.value) : i < 4; });
   choices.component.value = stated.get("component") ?? "";
   if (choices.component.selectedIndex < 0) choices.component.value = "";
-  choices.position.value = stated.get("position") ?? choices.component.selectedOptions[0].dataset.position ?? "";
+  placeAt(stated.get("position") ?? choices.component.selectedOptions[0].dataset.position);
+}
+
+// A position in mm, as the address and the page state it.
+function placeAt(mm) {
+  fill(choices.position, mm && Number.isFinite(Number(mm)) ? Number(mm) : null);
 }
 
 function chosen() {
   const option = choices.component.selectedOptions[0];
   const sensors = [...choices.querySelectorAll("[name=sensor]:checked")].map((box) => box.value);
-  return { sensors, component: option.value, axis: option.dataset.axis ?? "", position: numberOf(choices.position.value) };
+  return { sensors, component: option.value, axis: option.dataset.axis ?? "", position: valueOf(choices.position) };
 }
 
 function writeAddress() {
@@ -104,7 +110,7 @@ async function load() {
     draw();
     marks();
   } catch (error) {
-    if (mine === asked) refused(document.getElementById("said"), "Not shown.", error);
+    if (mine === asked) refused(document.getElementById("said"), t("Not shown."), error);
   }
 }
 
@@ -120,7 +126,7 @@ function show(since, until, isLive = false) {
 
 function controls() {
   const span = view.until - view.since;
-  document.getElementById("range").textContent = `${fullTime(view.since)} to ${view.isLive ? "now" : fullTime(view.until)}`;
+  document.getElementById("range").textContent = t("%(since)s to %(until)s", { since: fullTime(view.since), until: view.isLive ? t("now") : fullTime(view.until) });
   for (const button of document.querySelectorAll("[data-span]")) {
     button.setAttribute("aria-pressed", String(Math.abs(Number(button.dataset.span) / span - 1) < 0.01));
   }
@@ -145,13 +151,15 @@ function node(tag, attributes, text) {
 // The numbers of every chart in one form: parts that are joined, each with its bins.
 function chartsOf(answer) {
   const origin = Date.parse(answer.since) / 1000;
+  const degrees = (value) => inReadersUnit(value, "°C")[0];
+  const [, unit] = inReadersUnit(0, "°C");
   const charts = answer.sensors.map((one) => ({
-    name: one.sensor, unit: "°C", digits: 2, wide: answer.bin_s,
-    bins: one.after_s.map((s, i) => ({ s: origin + s, low: one.low_c[i], high: one.high_c[i], mean: one.mean_c[i], count: one.count[i], gap: one.gap_s[i] > Math.max(one.max_age_s, 0) ? one.gap_s[i] : 0 })),
+    name: one.sensor, unit, digits: 2, wide: answer.bin_s,
+    bins: one.after_s.map((s, i) => ({ s: origin + s, low: degrees(one.low_c[i]), high: degrees(one.high_c[i]), mean: degrees(one.mean_c[i]), count: one.count[i], gap: one.gap_s[i] > Math.max(one.max_age_s, 0) ? one.gap_s[i] : 0 })),
   }));
   const course = answer.compensation;
   if (course) {
-    const at = course.position_mm === null ? "" : ` at ${course.position_mm} mm`;
+    const at = course.position_mm === null ? "" : ` ${t("at")} ${placed(course.position_mm)} ${inReadersUnit(0, "mm")[1]}`;
     const bins = [];
     course.after_s.forEach((s, i) => {
       const value = course.values[i];
@@ -159,12 +167,12 @@ function chartsOf(answer) {
       if (value === null) return;
       bins.push({ s: origin + s - answer.bin_s / 2, low: value, high: value, mean: value, gap: isFar || (i && course.values[i - 1] === null) ? 1 : 0 });
     });
-    charts.push({ name: `Compensation ${course.component}${at}`, unit: course.unit, digits: 1, wide: answer.bin_s, bins });
+    charts.push({ name: `${t("Compensation")} ${course.component}${at}`, unit: course.unit, digits: 1, wide: answer.bin_s, bins });
   }
   const left = answer.checks.filter((check) => check.left_um !== null);
   if (choices.residuals.checked) {
     const bins = left.map((check) => ({ s: Date.parse(check.time) / 1000, low: check.left_um, high: check.left_um, mean: check.left_um, gap: 1 }));
-    charts.push({ name: "What is left of checks, root mean square", unit: "µm", digits: 2, wide: 0, bins });
+    charts.push({ name: t("What is left of checks, root mean square"), unit: "µm", digits: 2, wide: 0, bins });
   }
   return charts;
 }
@@ -198,7 +206,7 @@ function timeTicks(width) {
   return [ticks, step < 60 ? clockS : step < 86400 ? (s) => (isMidnight(s) ? day(s) : clock(s)) : step < 2629800 ? day : month];
 }
 
-const number = (value, digits) => value.toFixed(digits).replace("-", "−");
+const number = (value, digits) => marked(value.toFixed(digits).replace("-", "−"));
 
 function draw() {
   if (!found) return;
@@ -226,10 +234,10 @@ function draw() {
   svg.prepend(node("style", {}, styles()));
   place.replaceChildren(svg);
   const gaps = rows.some((row) => row.bins.some((bin) => bin.gap));
-  const wide = found.bin_s > 1 ? `Line: mean of ${lasting(found.bin_s)}; band: lowest to highest. ` : "";
+  const wide = found.bin_s > 1 ? `${t("Line: mean of %(time)s; band: lowest to highest.", { time: lasting(found.bin_s) })} ` : "";
   const warnings = [...found.notes, ...(found.compensation?.warnings ?? [])].join("; ");
-  const version = found.compensation?.model_version ? `Compensation: by v${found.compensation.model_version}, which is active now, of the mean temperatures. ` : "";
-  document.getElementById("legend").textContent = `${wide}${gaps ? "Thick line below: no readings for longer than the sensor's age limit. " : ""}${version}Dashed: versions and changes; bar: alarms; rings: checks. Drag to zoom in. ${warnings}`;
+  const version = found.compensation?.model_version ? `${t("Compensation: by v%(version)s, which is active now, of the mean temperatures.", { version: found.compensation.model_version })} ` : "";
+  document.getElementById("legend").textContent = `${wide}${gaps ? `${t("Thick line below: no readings for longer than the sensor's age limit.")} ` : ""}${version}${t("Dashed: versions and changes; bar: alarms; rings: checks. Drag to zoom in.")} ${warnings}`;
   showCursor();
 }
 
@@ -246,10 +254,10 @@ function drawRow(svg, row, x, inside, inner, ticks) {
   const lows = row.bins.map((bin) => bin.low);
   const highs = row.bins.map((bin) => bin.high);
   let [low, high] = row.bins.length ? [lows.reduce((a, b) => Math.min(a, b)), highs.reduce((a, b) => Math.max(a, b))] : [0, 1];
-  const pad = Math.max((high - low) * 0.08, row.unit === "°C" ? 0.05 : 0.1);
+  const pad = Math.max((high - low) * 0.08, row.unit.startsWith("°") ? 0.05 : 0.1);
   [low, high] = [low - pad, high + pad];
   const y = (value) => row.top + ROW - ((value - low) / (high - low)) * ROW;
-  svg.append(node("text", { x: LEFT, y: row.top - 6, class: "h" }, `${row.name}, ${row.unit}${row.bins.length ? "" : row.wide ? ": no readings in this time" : ": no check in this time that can be compared"}`));
+  svg.append(node("text", { x: LEFT, y: row.top - 6, class: "h" }, `${row.name}, ${row.unit}${row.bins.length ? "" : row.wide ? `: ${t("no readings in this time")}` : `: ${t("no check in this time that can be compared")}`}`));
   if (row.bins.length) {
     const [values, digits] = ticksOf(low, high, 4);
     for (const value of values) {
@@ -324,12 +332,12 @@ function showCursor() {
     row.append(term, said);
     list.append(row);
   };
-  entry("At", fullTime(cursor));
+  entry(t("At"), fullTime(cursor));
   for (const row of rows) {
     const near = (view.until - view.since) / 100;
     const bin = row.bins.find((one) => (row.wide ? one.s <= cursor && cursor < one.s + row.wide : Math.abs(one.s - cursor) < near));
-    const range = bin && bin.high > bin.low ? ` (${number(bin.low, row.digits)} to ${number(bin.high, row.digits)})` : "";
-    entry(row.name, bin ? `${number(bin.mean, row.digits)} ${row.unit}${range}` : "none");
+    const range = bin && bin.high > bin.low ? ` (${t("%(since)s to %(until)s", { since: number(bin.low, row.digits), until: number(bin.high, row.digits) })})` : "";
+    entry(row.name, bin ? `${number(bin.mean, row.digits)} ${row.unit}${range}` : t("none"));
   }
   readout.replaceChildren(list);
 }
@@ -367,7 +375,7 @@ for (const button of document.querySelectorAll("[data-span]")) {
 }
 choices.addEventListener("submit", (event) => event.preventDefault());
 choices.addEventListener("change", (event) => {
-  if (event.target.name === "component") choices.position.value = event.target.selectedOptions[0].dataset.position ?? "";
+  if (event.target.name === "component") placeAt(event.target.selectedOptions[0].dataset.position);
   load();
 });
 
@@ -407,8 +415,8 @@ setInterval(() => { if (view.isLive && !document.hidden && dragFrom === null) lo
 
 function marks() {
   const lines = [
-    ...found.events.map((event) => [event.time, event.text + (event.until ? `, until ${fullTime(Date.parse(event.until) / 1000)}` : ""), `/machines/${encodeURIComponent(machine)}/events`]),
-    ...found.checks.map((check) => [check.time, `Check “${check.label}”: ${check.status}. ${check.summary} ${check.why_not}`, `/machines/${encodeURIComponent(machine)}/loop`]),
+    ...found.events.map((event) => [event.time, event.text + (event.until ? `, ${t("until %(time)s", { time: fullTime(Date.parse(event.until) / 1000) })}` : ""), `/machines/${encodeURIComponent(machine)}/events`]),
+    ...found.checks.map((check) => [check.time, `${t("Check “%(label)s”:", { label: check.label })} ${check.status}. ${check.summary} ${check.why_not}`, `/machines/${encodeURIComponent(machine)}/loop`]),
   ].sort((a, b) => Date.parse(b[0]) - Date.parse(a[0]));
   const table = document.createElement("table");
   for (const [time, words, where] of lines) {
@@ -423,7 +431,7 @@ function marks() {
     row.insertCell().append(link);
   }
   const nothing = document.createElement("p");
-  nothing.textContent = "Nothing.";
+  nothing.textContent = t("Nothing.");
   document.getElementById("marks").replaceChildren(lines.length ? table : nothing);
 }
 

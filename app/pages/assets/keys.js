@@ -1,13 +1,15 @@
 // Keys that are written on the buttons, and the list of all of them. They can be switched off.
 
+import { t } from "./ask.js";
+
 const KEPT = "thermap-keys";
 const FIXED = [
-  ["↑ ↓", "row", "[data-row]"],
-  ["Enter", "open", "[data-row]"],
-  ["Esc", "back", "[data-back]"],
-  ["1–7", "pages of the machine", "[data-page]"],
-  ["T", "whole table", "#whole"],
-  ["F", "far view", "table.machines"],
+  ["↑ ↓", t("row"), "[data-row]"],
+  ["Enter", t("open"), "[data-row]"],
+  ["Esc", t("back"), "[data-back]"],
+  ["1–7", t("pages of the machine"), "[data-page]"],
+  ["T", t("whole table"), "#whole"],
+  ["F", t("far view"), "table.machines"],
 ];
 
 export const areOff = () => localStorage.getItem(KEPT) === "off";
@@ -20,7 +22,7 @@ function lines() {
     one.dataset.key.toUpperCase(),
     (one.labels?.[0] ?? one).firstChild.textContent.trim(),
   ]);
-  return [...fixed, ...buttons, ["?", "all keys"]];
+  return [...fixed, ...buttons, ["?", t("all keys and words")]];
 }
 
 function show() {

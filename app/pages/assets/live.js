@@ -1,6 +1,7 @@
 // The page follows the service: whenever something changes it asks for itself again, and takes over
 // what differs. The service writes everything; nothing is judged or computed here.
 
+import { t } from "./ask.js";
 import { areOff } from "./keys.js";
 
 const WAITING_MS = 5000;
@@ -66,12 +67,12 @@ function speak() {
 // What the page shows is old as soon as the service is not heard, or answers something else.
 function mark() {
   const why = document.getElementById("lost-why");
-  if (lostSince !== null) why.textContent = "the service has not been heard for 15 s.";
+  if (lostSince !== null) why.textContent = t("the service has not been heard for 15 s.");
   else if (refusal) why.textContent = refusal;
   const isLost = lostSince !== null || refusal !== "";
   if (isLost) root.dataset.connection = "lost";
   else delete root.dataset.connection;
-  document.title = isLost ? `Unknown · ${title}` : title;
+  document.title = isLost ? `${t("Unknown")} · ${title}` : title;
 }
 
 async function refused(answer) {
@@ -80,8 +81,8 @@ async function refused(answer) {
   else if (answer.status === 404) location.assign("/");
   else {
     const problem = await answer.json().catch(() => ({}));
-    refusal = `the service answers: ${problem.detail ?? answer.status}.`;
-    say("Not answered");
+    refusal = t("the service answers: %(answer)s.", { answer: problem.detail ?? answer.status });
+    say(t("Not answered"));
     mark();
   }
 }
@@ -130,13 +131,13 @@ async function ask() {
 function heard() {
   const now = performance.now();
   if (lostSince !== null) {
-    say(`Connected again, ${Math.round((now - lostSince) / 1000)} s were missing`);
+    say(t("Connected again, %(time)s s were missing", { time: Math.round((now - lostSince) / 1000) }));
     lostSince = null;
     backAt = now;
     mark();
     ask();
-  } else if (refusal) say("Not answered");
-  else if (now - backAt > WAITING_MS) say("Live");
+  } else if (refusal) say(t("Not answered"));
+  else if (now - backAt > WAITING_MS) say(t("Live"));
   heardAt = now;
 }
 
@@ -173,8 +174,8 @@ setInterval(() => {
   if (silentMs > LOST_MS) {
     if (lostSince === null) lostSince = heardAt;
     mark();
-    say("No connection");
-  } else if (silentMs > WAITING_MS) say("Waiting");
+    say(t("No connection"));
+  } else if (silentMs > WAITING_MS) say(t("Waiting"));
 }, 1000);
 
 // Ages grow although nothing comes.

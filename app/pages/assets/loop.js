@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, momentOf, numberOf, refused, send, told, typedOf } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, momentOf, refused, send, told, typedOf, valueOf } from "./ask.js";
 
 const { take } = document.getElementById("drop") ? await import("./upload.js") : {};
 
@@ -82,9 +82,9 @@ on("cancel", "click", async () => {
 
 // The numbers that were typed, null for an empty field; nothing where one is none, which is said.
 function numbersIn(fields, place) {
-  const wrong = fields.filter((one) => one.value.trim() && numberOf(one.value) === null);
+  const wrong = fields.filter((one) => one.value.trim() && valueOf(one) === null);
   for (const one of fields) one.removeAttribute("aria-invalid");
-  if (!wrong.length) return fields.map((one) => (one.value.trim() ? numberOf(one.value) : null));
+  if (!wrong.length) return fields.map((one) => (one.value.trim() ? valueOf(one) : null));
   for (const one of wrong) one.setAttribute("aria-invalid", "true");
   const lines = wrong.map((one) => `${one.ariaLabel ?? one.labels[0].textContent.trim()}: expected a number such as 5.2 or 5,2, got “${one.value.trim()}”.`);
   told(place, "Nothing was sent.");

@@ -1,11 +1,12 @@
 // The form that describes a machine: drawn as it is typed, and sent as it stands.
-import { numberOf, refused, send, told } from "./ask.js";
+import { refused, send, t, valueOf } from "./ask.js";
 
 const form = document.getElementById("machine-form");
 const rows = document.getElementById("sensor-rows");
 const said = document.getElementById("machine-said");
 const chain = document.getElementById("chain");
 const stored = form.dataset.id;
+const LINKS = { workpiece: t("workpiece"), bed: t("bed"), tool: t("tool") };
 
 // "XYFZ": the letters before F move the workpiece, from the bed outward, so they are drawn backwards.
 function drawn() {
@@ -15,9 +16,9 @@ function drawn() {
   const [workpiece, tool] = isOne ? text.split("F") : ["", ""];
   const links = ["workpiece", ...[...workpiece].reverse(), "bed", ...tool, "tool"];
   chain.replaceChildren(
-    ...(isOne ? links : ["X, Y, Z around one F, such as XYFZ"]).map((link) => {
+    ...(isOne ? links : [t("X, Y, Z around one F, such as XYFZ")]).map((link) => {
       const made = document.createElement("li");
-      made.textContent = link;
+      made.textContent = ["workpiece", "bed", "tool"].includes(link) ? LINKS[link] : link;
       made.className = link === "bed" ? "bed" : isOne ? "" : "wrong";
       return made;
     }),
@@ -76,11 +77,11 @@ function axes() {
       if (stored && min.defaultValue) found[travel.dataset.axis] = null;
       continue;
     }
-    const ends = [min, max].map((one) => numberOf(one.value));
+    const ends = [min, max].map(valueOf);
     for (const [i, one] of [min, max].entries()) {
       if (ends[i] === null) {
         one.setAttribute("aria-invalid", "true");
-        document.getElementById("wrong-axes").textContent = `Expected both ends of ${travel.dataset.axis.toUpperCase()} in mm, such as 0 and 500, got “${one.value.trim()}”.`;
+        document.getElementById("wrong-axes").textContent = t("Expected both ends of %(axis)s in %(unit)s, such as 0 and 500, got “%(got)s”.", { axis: travel.dataset.axis.toUpperCase(), unit: document.documentElement.dataset.length, got: one.value.trim() });
         one.focus();
         return null;
       }
@@ -124,7 +125,7 @@ function place(error) {
     input?.focus?.();
   }
   error.errors = others;
-  refused(said, "Not stored.", error);
+  refused(said, t("Not stored."), error);
 }
 
 form.addEventListener("submit", async (event) => {

@@ -1,4 +1,5 @@
 // A version is shown with what it would change; only a button activates it, or takes a map out of use.
+import { t } from "./ask.js";
 import { ask, element, look, openedBy, say, show } from "./upload.js";
 
 const machine = encodeURIComponent(document.getElementById("drop").dataset.machine);
@@ -12,16 +13,16 @@ if (active) {
 }
 
 async function activate(version) {
-  const answer = await ask(`v${version} was not activated.`, `${api}/models/${version}/activate`, { method: "POST" });
+  const answer = await ask(t("v%(version)s was not activated.", { version }), `${api}/models/${version}/activate`, { method: "POST" });
   if (!answer) return;
-  say(`v${version} is active.`, ["Every other version can be activated again."], "fine");
+  say(t("v%(version)s is active.", { version }), [t("Every other version can be activated again.")], "fine");
   dispatchEvent(new Event("thermap-changed"));
 }
 
 async function withdraw(map) {
-  const answer = await ask("The map was not withdrawn.", `${api}/error-maps/${map}`, { method: "DELETE" });
+  const answer = await ask(t("The map was not withdrawn."), `${api}/error-maps/${map}`, { method: "DELETE" });
   if (!answer) return;
-  say("The map is out of use.", ["Older versions keep it: activating one of them is the way back."], "fine");
+  say(t("The map is out of use."), [t("Older versions keep it: activating one of them is the way back.")], "fine");
   dispatchEvent(new Event("thermap-changed"));
 }
 
@@ -32,9 +33,9 @@ new MutationObserver(() => {
   if (!found || !timeline || found.dataset.active === timeline.dataset.active || found.querySelector(".meanwhile")) return;
   if ("isDone" in found.dataset) return;
   for (const one of found.querySelectorAll("[data-do]:not([data-do=discard])")) one.disabled = true;
-  const said = element("div", `Meanwhile v${timeline.dataset.active} became active. `, "meanwhile");
+  const said = element("div", `${t("Meanwhile v%(version)s became active.", { version: timeline.dataset.active })} `, "meanwhile");
   if (found.dataset.what === "upload") {
-    const again = element("button", "Show again what it would change");
+    const again = element("button", t("Show again what it would change"));
     again.type = "button";
     again.addEventListener("click", look);
     said.append(again);
@@ -47,9 +48,9 @@ document.addEventListener("click", async (event) => {
   if (button?.dataset.activate || button?.dataset.withdraw) openedBy(button);
   if (button?.dataset.activate) {
     const version = button.dataset.activate;
-    await show(`v${version} was not activated.`, `/machines/${machine}/maps/preview/${version}`);
+    await show(t("v%(version)s was not activated.", { version }), `/machines/${machine}/maps/preview/${version}`);
   } else if (button?.dataset.withdraw) {
-    await show("The map was not withdrawn.", `/machines/${machine}/maps/withdrawal/${button.dataset.withdraw}`);
+    await show(t("The map was not withdrawn."), `/machines/${machine}/maps/withdrawal/${button.dataset.withdraw}`);
   } else if (button?.dataset.do === "activate") {
     await activate(button.closest("#found").dataset.version);
   } else if (button?.dataset.do === "withdraw") {

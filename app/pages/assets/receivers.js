@@ -1,5 +1,5 @@
 // Asks for test messages. Whether one arrived is said by the page itself, which is followed.
-import { refused, send } from "./ask.js";
+import { refused, send, t } from "./ask.js";
 
 const LOOK_MS = 1000;
 const LOOKS = 60;
@@ -33,7 +33,7 @@ document.addEventListener("click", async (event) => {
     }
     await shown();
   } catch (error) {
-    refused(said, "No test message was asked for.", error);
+    refused(said, t("No test message was asked for."), error);
     event.target.disabled = false;
   }
 });

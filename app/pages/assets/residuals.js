@@ -1,6 +1,8 @@
 // What two versions leave of the same checks is computed when the page is opened and when other
 // versions are compared; it does not follow each reading.
 
+import { t } from "./ask.js";
+
 const compare = document.getElementById("compare");
 const shown = document.getElementById("residuals-shown");
 let address = "";
@@ -18,9 +20,9 @@ async function show() {
       return;
     }
     const problem = await answer.json().catch(() => ({}));
-    shown.textContent = `Not compared: ${problem.detail ?? `the service answered ${answer.status}`}`;
+    shown.textContent = `${t("Not compared:")} ${problem.detail ?? t("The service answered %(status)s.", { status: answer.status })}`;
   } catch {
-    shown.textContent = "Not compared: the service was not reached.";
+    shown.textContent = `${t("Not compared:")} ${t("The service was not reached.")}`;
   }
 }
 

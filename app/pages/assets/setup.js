@@ -1,5 +1,5 @@
 // Which sensor each component follows: chosen, shown with what it would change, and then assigned.
-import { askOnce, changeWords, list, lossLines, refused, send } from "./ask.js";
+import { askOnce, changeWords, counted, lossLines, refused, send, t } from "./ask.js";
 import "./upload.js";
 
 const room = document.getElementById("sensors-of-components");
@@ -28,9 +28,9 @@ async function show() {
     const count = Object.keys(wanted).length;
     askOnce(
       said,
-      `${count} ${count === 1 ? "component" : "components"} would follow another sensor. ${changeWords(preview)}`,
+      `${counted(count, "%(count)s component would follow another sensor.", "%(count)s components would follow another sensor.")} ${changeWords(preview)}`,
       lossLines(preview),
-      "Assign",
+      t("Assign"),
       async () => {
         await send("PUT", `${api}?accept_losses=true`, wanted);
         location.reload();
@@ -38,7 +38,7 @@ async function show() {
       preview.loses.length > 0,
     );
   } catch (error) {
-    refused(said, "Not assigned.", error);
+    refused(said, t("Not assigned."), error);
   }
   assign.disabled = false;
 }
@@ -69,7 +69,7 @@ document.getElementById("feeding").addEventListener("click", async (event) => {
   const text = event.target.previousElementSibling;
   getSelection().selectAllChildren(text);
   await navigator.clipboard?.writeText(text.textContent).catch(() => null);
-  event.target.textContent = "Copied";
+  event.target.textContent = t("Copied");
 });
 
 // A map that was stored shows its components here: the matrix is made anew.

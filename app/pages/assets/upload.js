@@ -1,7 +1,7 @@
 // A file, or values that were typed in, are shown as they were read; only a button stores them. The
 // service says which kind a file is of, reads and judges it; here its answers are put in their place.
 
-import { dayAndTime, momentOf } from "./ask.js";
+import { dayAndTime, fill, momentOf, t, valueOf } from "./ask.js";
 
 const drop = document.getElementById("drop");
 const preview = document.getElementById("preview");
@@ -33,7 +33,7 @@ export function say(title, lines = [], kind = "limited") {
   words.append(element("h3", title));
   if (lines.length) words.append(list);
   if (queue.length > 1 && kind === "limited") {
-    const onward = element("button", "Leave it, next file");
+    const onward = element("button", t("Leave it, next file"));
     onward.type = "button";
     onward.dataset.do = "discard";
     words.append(onward);
@@ -81,11 +81,11 @@ function place(errors) {
 async function refused(title, answer, changes) {
   const problem = await answer.json().catch(() => ({}));
   const [lines, first] = place(problem.errors ?? []);
-  if (!problem.errors?.length) lines.push(problem.detail ?? `The service answered ${answer.status}.`);
-  if (first) lines.push("What the file does not say is asked above.");
+  if (!problem.errors?.length) lines.push(problem.detail ?? t("The service answered %(status)s.", { status: answer.status }));
+  if (first) lines.push(t("What the file does not say is asked above."));
   if (first || (chosen && chosen.expected === "map")) override.hidden = false;
   if (first) override.open = true;
-  const sure = answer.status < 500 || !changes ? "Nothing has changed." : "Whether something has changed shows the page when the service answers again.";
+  const sure = answer.status < 500 || !changes ? t("Nothing has changed.") : t("Whether something has changed shows the page when the service answers again.");
   say(title, [...lines, sure]);
   first?.focus();
 }
@@ -96,7 +96,7 @@ export async function ask(title, address, options = {}, changes = true) {
     if (answer.ok) return answer;
     await refused(title, answer, changes);
   } catch {
-    say(title, [changes ? "The service was not reached. Whether something has changed shows the page when it is back." : "The service was not reached."]);
+    say(title, [changes ? t("The service was not reached. Whether something has changed shows the page when it is back.") : t("The service was not reached.")]);
   }
   return null;
 }
@@ -129,7 +129,7 @@ function stated() {
   const time = beside.elements.measured_at.value;
   if (time) found.set("measured_at", momentOf(time) ?? time);
   for (const one of beside.querySelectorAll("[data-sensor]")) {
-    if (one.value.trim()) found.append("temperature", `${one.dataset.sensor}=${one.value.trim()}`);
+    if (one.value.trim()) found.append("temperature", `${one.dataset.sensor}=${valueOf(one) ?? one.value.trim()}`);
   }
   return found;
 }
@@ -137,7 +137,7 @@ function stated() {
 export async function look() {
   clearWrong();
   chosen.stated = stated();
-  await show(`${chosen.name} was not stored.`, `/machines/${machine}/files/preview?${chosen.stated}&expected=${chosen.expected}`, content());
+  await show(t("%(file)s was not stored.", { file: chosen.name }), `/machines/${machine}/files/preview?${chosen.stated}&expected=${chosen.expected}`, content());
 }
 
 // Shows what was read; `expected` says as what it is read if it can be.
@@ -148,7 +148,7 @@ export async function take(name, bytes, from = choose) {
   override.hidden = true;
   override.open = false;
   document.getElementById("then-said").textContent = "";
-  say(`${chosen.name} is being read.`, [], "fine");
+  say(t("%(file)s is being read.", { file: chosen.name }), [], "fine");
   await look();
 }
 
@@ -168,14 +168,14 @@ function next() {
 }
 
 function listWaiting() {
-  waiting.replaceChildren(...queue.slice(1).map((one) => element("li", `${one.name} waits`)));
+  waiting.replaceChildren(...queue.slice(1).map((one) => element("li", t("%(file)s waits", { file: one.name }))));
 }
 
 async function takeReading() {
   const said = document.getElementById("then-said");
   const time = Date.parse(momentOf(beside.elements.measured_at.value) ?? "");
   if (Number.isNaN(time)) {
-    said.textContent = "State the time first.";
+    said.textContent = t("State the time first.");
     beside.elements.measured_at.focus();
     return;
   }
@@ -183,28 +183,30 @@ async function takeReading() {
     from: new Date(time - LOOK_BACK_S * 1000).toISOString(),
     to: new Date(time).toISOString(),
   });
-  const answer = await ask("The readings were not read.", `${api}/readings?${range}`, {}, false);
+  const answer = await ask(t("The readings were not read."), `${api}/readings?${range}`, {}, false);
   if (!answer) return;
   const last = (await answer.json()).at(-1);
   if (!last) {
-    said.textContent = `No reading is stored in the ${LOOK_BACK_S / 60} min before that time.`;
+    said.textContent = t("No reading is stored in the %(time)s min before that time.", { time: LOOK_BACK_S / 60 });
     return;
   }
-  for (const one of beside.querySelectorAll("[data-sensor]")) one.value = last.temperatures_c[one.dataset.sensor] ?? "";
-  said.textContent = `Reading of ${dayAndTime(last.time)}, ${Math.round((time - Date.parse(last.time)) / 1000)} s before.`;
+  for (const one of beside.querySelectorAll("[data-sensor]")) fill(one, last.temperatures_c[one.dataset.sensor] ?? null);
+  said.textContent = t("Reading of %(time)s, %(seconds)s s before.", { time: dayAndTime(last.time), seconds: Math.round((time - Date.parse(last.time)) / 1000) });
   preview.replaceChildren();
 }
 
 async function store(path, acceptLosses) {
   const losses = path === "error-maps" ? `&accept_losses=${acceptLosses}` : "";
-  const answer = await ask(`${chosen.name} was not stored.`, `${api}/${path}/from-file?${chosen.stated}${losses}`, content());
+  const answer = await ask(t("%(file)s was not stored.", { file: chosen.name }), `${api}/${path}/from-file?${chosen.stated}${losses}`, content());
   if (!answer) return;
   const stored = await answer.json();
   override.hidden = true;
   chosen = null;
   const isMap = path === "error-maps";
-  const waits = stored.activated === false ? `; v${stored.model_version} waits.` : ".";
-  const title = isMap ? `Map ‘${stored.label}’ is stored${waits}` : `Check ‘${stored.label}’ is stored.`;
+  const { label } = stored;
+  let title = t("Check ‘%(label)s’ is stored.", { label });
+  if (isMap) title = t("Map ‘%(label)s’ is stored.", { label });
+  if (stored.activated === false) title = t("Map ‘%(label)s’ is stored; v%(version)s waits.", { label, version: stored.model_version });
   const lines = [...(stored.judgement ? [stored.judgement.summary] : []), ...(stored.warnings ?? [])];
   dispatchEvent(new CustomEvent("thermap-changed", { detail: { path, stored } }));
   if (queue.length > 1) {
@@ -214,7 +216,7 @@ async function store(path, acceptLosses) {
   }
   queue.length = 0;
   say(title, lines, "fine");
-  const [other, words] = isMap ? ["maps", "Maps and versions"] : ["loop", "Loop"];
+  const [other, words] = isMap ? ["maps", t("Maps and versions")] : ["loop", t("Loop")];
   if (!location.pathname.endsWith(`/${other}`)) {
     const link = element("a", words);
     link.href = `/machines/${machine}/${other}`;

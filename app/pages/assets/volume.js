@@ -1,7 +1,7 @@
 // The flat drawing is the service's and always there. 3D is plotly's, which is large: it is loaded when
 // somebody wants it, and only where WebGL works.
 
-import { timeOfDay } from "./ask.js";
+import { t, timeOfDay } from "./ask.js";
 
 const PLOTLY = "/docs-assets/plotly.min.js";
 let three;
@@ -39,7 +39,7 @@ function show(isThree) {
 
 async function draw() {
   three.disabled = true;
-  why.textContent = "The 3D picture is being loaded.";
+  why.textContent = t("The 3D picture is being loaded.");
   try {
     const [answer] = await Promise.all([
       fetch(space.dataset.figure, {
@@ -52,7 +52,7 @@ async function draw() {
     ]);
     const figure = await answer.json();
     if (!answer.ok) throw new Error(figure.detail);
-    const drawn = figure.layout.meta?.drawn ?? "The work volume in 3D";
+    const drawn = figure.layout.meta?.drawn ?? t("The work volume in 3D");
     space.setAttribute("role", "img");
     space.setAttribute("aria-label", drawn);
     // Its colours are those of paper.
@@ -66,10 +66,10 @@ async function draw() {
     // Letters stay as large in a narrow window: what is said there is less, and does not collide.
     const { narrow } = figure.layout.meta;
     if (space.clientWidth < narrow.below_px) await window.Plotly.relayout(space, narrow.changes);
-    why.textContent = `${drawn} As of ${timeOfDay(Date.now())}; 3D draws it anew.`;
+    why.textContent = `${drawn} ${t("As of %(time)s; 3D draws it anew.", { time: timeOfDay(Date.now()) })}`;
   } catch (error) {
     show(false);
-    why.textContent = `The 3D picture was not drawn: ${error.message}. The flat drawing shows the same numbers.`;
+    why.textContent = t("The 3D picture was not drawn: %(why)s. The flat drawing shows the same numbers.", { why: error.message });
   }
   three.disabled = false;
 }
@@ -85,8 +85,8 @@ function prepare() {
   }
   if (hasWebGl()) {
     three.disabled = false;
-    why.textContent = "The same numbers in both drawings.";
-  } else why.textContent = "This browser has no WebGL: flat drawing, the same numbers.";
+    why.textContent = t("The same numbers in both drawings.");
+  } else why.textContent = t("This browser has no WebGL: flat drawing, the same numbers.");
   three.addEventListener("click", draw);
   flat.addEventListener("click", () => show(false));
 }

@@ -8,12 +8,12 @@ from itertools import groupby
 from statistics import median
 from typing import Any
 
-from app.errors import counted
 from app.identification.analysis.residual_report import Size
 from app.pages.dashboard.numbers import clock
 from app.pages.environment import render_live
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.words import decimals_for, figure_text, zeros_text
+from app.pages.wording import _, counted
 from app.services.compared_checks import ComparedCheck, ComparedChecks, Pair
 from app.units import Unit
 
@@ -41,23 +41,36 @@ def _sentence(found: ComparedChecks, decimals: int) -> str:
     """Say which leaves less; first of all where nothing was learned."""
     pair = found.independent or found.together
     if pair is None:
-        return "No length was measured that both versions can be held against."
+        return _("No length was measured that both versions can be held against.")
     words = _pair_words(found, pair, decimals)
     if found.independent is None:
-        return f"{words} An adopted effect was learned from each of these checks: no proof."
+        proof = _("An adopted effect was learned from each of these checks: no proof.")
+        return f"{words} {proof}"
     new = sum(1 for one in found.checks if one.lengths and not one.learned_from)
     if new == len([one for one in found.checks if one.lengths]):
         return words
-    return f"{words} That is of {counted(new, 'check')} from which no adopted effect was learned."
+    independent = counted(
+        new,
+        "That is of %(count)s check from which no adopted effect was learned.",
+        "That is of %(count)s checks from which no adopted effect was learned.",
+    )
+    return f"{words} {independent}"
 
 
 def _pair_words(found: ComparedChecks, pair: Pair, decimals: int) -> str:
     a, b = figure_text(pair.a_um, decimals), figure_text(pair.b_um, decimals)
-    of = f"of {counted(pair.count, 'length')}"
+    of = counted(pair.count, "%(count)s length", "%(count)s lengths")
     if a == b:
-        return f"v{found.a} and v{found.b} leave the same {of}: {a} µm RMS."
+        return _(
+            "v%(one)s and v%(other)s leave the same of %(lengths)s: %(size)s µm RMS.",
+            one=found.a,
+            other=found.b,
+            lengths=of,
+            size=a,
+        )
     less = found.b if pair.b_um < pair.a_um else found.a
-    return f"v{less} leaves less {of}: v{found.a} {a}, v{found.b} {b} µm RMS."
+    sizes = f"v{found.a} {a}, v{found.b} {b} µm RMS"
+    return _("v%(less)s leaves less of %(lengths)s: %(sizes)s.", less=less, lengths=of, sizes=sizes)
 
 
 def _check(one: ComparedCheck, decimals: int, reach: float, now: datetime) -> dict[str, Any]:

@@ -8,20 +8,21 @@ from typing import Final
 from urllib.parse import urlencode
 
 from app.events.event import Event, EventKind, Events
+from app.message import Message
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
 from app.services.tell_receivers import Receiver
 from app.status.machine_status import MachineStatus, State
 
 KINDS: Final[Mapping[str, str]] = {
-    "alarm": "Alarms",
-    "sensor": "Sensors",
-    "model": "Models",
-    "verification": "Checks",
-    "watch": "Watch",
-    "analysis": "Analyses",
-    "readings": "Readings",
-    "machine": "Settings",
+    "alarm": Message("Alarms"),
+    "sensor": Message("Sensors"),
+    "model": Message("Models"),
+    "verification": Message("Checks"),
+    "watch": Message("Watch"),
+    "analysis": Message("Analyses"),
+    "readings": Message("Readings"),
+    "machine": Message("Settings"),
 }
 """What the list may be held to, and its title."""
 

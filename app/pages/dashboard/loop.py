@@ -22,7 +22,7 @@ from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock
 from app.pages.environment import render_live
-from app.pages.reader_zone import zone_name
+from app.pages.reader import zone_name
 from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.drawing import TIME, largest

@@ -14,8 +14,8 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from app.pages.dashboard.charts import Scale, ticks_between
-from app.pages.dashboard.numbers import MINUS
-from app.pages.reader_zone import local
+from app.pages.dashboard.numbers import MINUS, marked
+from app.pages.reader import local
 from app.units import SECONDS_PER_H
 
 INSET: Final = 3.0
@@ -143,4 +143,4 @@ def _dated(times_s: Sequence[float]) -> list[str]:
 
 
 def _tick(value: float) -> str:
-    return f"{value:.10g}".replace("-", MINUS)
+    return marked(f"{value:.10g}".replace("-", MINUS))

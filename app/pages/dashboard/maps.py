@@ -9,14 +9,24 @@ from typing import Any, Final
 from app.compensation.table import CompensationTable, ComponentCompensation
 from app.compensation.table_difference import ComponentChange
 from app.effects.adopted.model_difference import Part
-from app.errors import counted, list_names
+from app.errors import list_names
 from app.geometry.components import COMPONENTS
+from app.message import Message
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import clock, number, short, signed
+from app.pages.dashboard.numbers import (
+    clock,
+    number,
+    place_words,
+    position,
+    short,
+    signed,
+    temperature,
+)
 from app.pages.environment import render_live
-from app.pages.reader_zone import day_and_time
+from app.pages.reader import day_and_time
 from app.pages.what_was_read import WhatWasRead, read_of_map
+from app.pages.wording import _, counted, said
 from app.services.maps_view import MapsView
 from app.services.models import Preview
 from app.services.recorded_change import RecordedChanges
@@ -26,13 +36,13 @@ from app.thermal.error_map import ErrorMap
 from app.units import unit_of_field
 
 METHODS: Final = {
-    "positioning": "positioning (ISO 230-2)",
-    "six-dof": "six errors of one axis",
-    "step-diagonal": "sequential step diagonals",
-    "body-diagonal": "body diagonals (ISO 230-6)",
-    "machined-part": "a machined edge",
-    "drilled-plate": "a drilled plate",
-    "rotary-axis": "a rotary axis (R-test)",
+    "positioning": Message("positioning (ISO 230-2)"),
+    "six-dof": Message("six errors of one axis"),
+    "step-diagonal": Message("sequential step diagonals"),
+    "body-diagonal": Message("body diagonals (ISO 230-6)"),
+    "machined-part": Message("a machined edge"),
+    "drilled-plate": Message("a drilled plate"),
+    "rotary-axis": Message("a rotary axis (R-test)"),
 }
 """Methods whose tables of readings make a map, in words."""
 
@@ -42,7 +52,13 @@ MOST_RECORDED: Final = 4
 SEEN: Final = 0.05
 """Changes below are 0.0 as they are written: their rows fold into one."""
 
-_STATUSES: Final[Mapping[str, str]] = {Status.CLAMPED: "outside its maps"}
+_STATUSES: Final[Mapping[str, str]] = {
+    Status.CLAMPED: Message("outside its maps"),
+    Status.EXTRAPOLATED: Message("extrapolated"),
+    Status.INTERPOLATED: Message("interpolated"),
+    Status.AT_MAP: Message("at-map"),
+    Status.STAND_IN: Message("stand-in"),
+}
 """A machine shop clamps workpieces."""
 
 
@@ -88,12 +104,17 @@ def upload_preview(
     looks_like
         The other kind of file that it looks like, empty where it does not.
     """
-    kind = "map" if method is None else f"map by {method}"
-    about = f"{name} · {kind} ‘{error_map.label}’: nothing is stored yet"
+    kind = _("map") if method is None else _("map by %(method)s", method=method)
+    about = _(
+        "%(file)s · %(kind)s ‘%(label)s’: nothing is stored yet",
+        file=name,
+        kind=kind,
+        label=error_map.label,
+    )
     return _preview_page(
         preview,
         "upload",
-        "Storing this map",
+        _("Storing this map"),
         about,
         read=read_of_map(error_map),
         remarks=[*remarks, *preview.remarks],
@@ -110,18 +131,22 @@ def upload_preview(
 def activation_preview(preview: Preview, version: int) -> str:
     """Write what activating a version would do, before it is done."""
     return _preview_page(
-        preview, "activate", f"Activating v{version}", f"v{version}", version=version
+        preview,
+        "activate",
+        _("Activating v%(version)s", version=version),
+        f"v{version}",
+        version=version,
     )
 
 
 def withdrawal_preview(preview: Preview, stored: StoredMap) -> str:
     """Write what taking a map out of use would do, before it is done."""
-    label = stored.error_map.label
+    label, measured = stored.error_map.label, day_and_time(stored.error_map.measured_at)
     return _preview_page(
         preview,
         "withdraw",
-        f"Withdrawing ‘{label}’",
-        f"map ‘{label}’, measured {day_and_time(stored.error_map.measured_at)}",
+        _("Withdrawing ‘%(map)s’", map=label),
+        _("map ‘%(map)s’, measured %(time)s", map=label, time=measured),
         withdrawn={"id": stored.id, "label": label},
     )
 
@@ -165,8 +190,13 @@ def _preview_page(
 def _title(view: MapsView, now: datetime) -> str:
     active = view.active_version
     if active is None:
-        return "No version yet: the first error map makes one."
-    return f"v{active.version} is active, made {clock(active.created_at, now)}: {_made_of(active)}."
+        return _("No version yet: the first error map makes one.")
+    return _(
+        "v%(version)s is active, made %(time)s: %(parts)s.",
+        version=active.version,
+        time=clock(active.created_at, now),
+        parts=_made_of(active),
+    )
 
 
 def _maps_in_use(view: MapsView) -> Sequence[StoredMap]:
@@ -180,13 +210,15 @@ def _map(stored: StoredMap, now: datetime) -> dict[str, Any]:
         "label": one.label,
         "measured": clock(one.measured_at, now),
         "components": len(one.tables),
-        "temperatures": ", ".join(f"{s} {number(t)}" for s, t in one.temperatures_c.items()),
+        "temperatures": ", ".join(f"{s} {temperature(t)}" for s, t in one.temperatures_c.items()),
     }
 
 
 def _made_of(version: ModelVersion) -> str:
-    effects = counted(len(version.effects), "adopted effect")
-    return f"{counted(len(version.maps), 'map')} and {effects if version.effects else 'no effect'}"
+    count = len(version.effects)
+    effects = counted(count, "%(count)s adopted effect", "%(count)s adopted effects")
+    maps = counted(len(version.maps), "%(count)s map", "%(count)s maps")
+    return _("%(maps)s and %(effects)s", maps=maps, effects=effects if count else _("no effect"))
 
 
 def _version(one: ModelVersion, view: MapsView, now: datetime) -> dict[str, Any]:
@@ -207,14 +239,32 @@ def _worst(preview: Preview, subject: str) -> str:
     """Say the worst consequence: what is lost, else the largest change."""
     loses, present = preview.difference.loses, preview.present
     if loses:
-        more = f", and {len(loses) - 1} more" if len(loses) > 1 else ""
-        return f"{subject} would lose {loses[0].text}{more}."
+        lost = loses[0].text
+        if len(loses) == 1:
+            return _("%(change)s would lose %(lost)s.", change=subject, lost=lost)
+        return _(
+            "%(change)s would lose %(lost)s, and %(more)s more.",
+            change=subject,
+            lost=lost,
+            more=len(loses) - 1,
+        )
     if present.why_not:
-        return f"{subject} loses nothing; by how much tables change is not known."
+        return _(
+            "%(change)s loses nothing; by how much tables change is not known.", change=subject
+        )
     if not present.changes or abs(present.changes[0].change) < SEEN:
-        return f"{subject} loses nothing, and no value changes now by {SEEN:g} or more."
+        return _(
+            "%(change)s loses nothing, and no value changes now by %(size)s or more.",
+            change=subject,
+            size=short(SEEN),
+        )
     row = _row(present.changes[0])
-    return f"{subject} would change {row['code']} by {row['change']} {row['unit']} {row['place']}."
+    return _("%(change)s would change %(values)s.", change=subject, values=_by(row))
+
+
+def _by(row: Mapping[str, str]) -> str:
+    size = f"{row['change']} {row['unit']} {row['place']}".strip()
+    return _("%(code)s by %(size)s", code=row["code"], size=size)
 
 
 def _recorded(recorded: RecordedChanges) -> list[str]:
@@ -223,14 +273,18 @@ def _recorded(recorded: RecordedChanges) -> list[str]:
         return []
     rows = ((_row(one.change), one.time) for one in recorded.changes)
     named = list_names(
-        (
-            f"{row['code']} by {row['change']} {row['unit']} {row['place']} ({day_and_time(then)})"
-            for row, then in rows
-        ),
+        (f"{_by(row)} ({day_and_time(then)})" for row, then in rows),
         MOST_RECORDED,
     )
-    of = counted(recorded.count, "recorded reading")
-    return [f"At the worst of {of} it would have changed more than now: {named}."]
+    return [
+        counted(
+            recorded.count,
+            "At the one recorded reading it would have changed more than now: %(changes)s.",
+            "At the worst of %(count)s recorded readings it would have changed more than now: "
+            "%(changes)s.",
+            changes=named,
+        )
+    ]
 
 
 def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:
@@ -241,14 +295,28 @@ def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:
     """
     seen = [one for one in changes if abs(one.change) >= SEEN]
     same = len(changes) - len(seen)
-    others = f"{'The other' if seen else 'All'} {counted(same, 'component')}"
-    folded = f"{others} {'changes' if same == 1 else 'change'} by less than {SEEN:g}."
+    limit = short(SEEN)
+    folded = counted(
+        same,
+        "%(count)s component changes by less than %(limit)s.",
+        "%(count)s components change by less than %(limit)s.",
+        limit=limit,
+    )
+    if seen:
+        folded = counted(
+            same,
+            "The other component changes by less than %(limit)s.",
+            "The other %(count)s components change by less than %(limit)s.",
+            limit=limit,
+        )
     if not changes:
-        folded = "No component is in both tables."
+        folded = _("No component is in both tables.")
     elif not same:
         folded = ""
     elif not seen and max(abs(one.change) for one in changes) == 0.0:
-        folded = f"All {counted(same, 'component')} are the same."
+        folded = counted(
+            same, "The component is the same.", "All %(count)s components are the same."
+        )
     return {"rows": [_row(one) for one in seen], "folded": folded}
 
 
@@ -257,16 +325,14 @@ def _row(one: ComponentChange) -> dict[str, Any]:
     axis = one.component.axis
     place = ""
     if axis is not None and one.position_mm is not None:
-        place = f"at {axis.upper()} {short(one.position_mm)}" + (
-            " backward" if one.is_backward else ""
-        )
+        place = place_words(axis, one.position_mm, is_backward=one.is_backward)
     return {
         "code": one.component.code,
         "change": signed(-one.change),
         "unit": one.component.unit.symbol,
         "place": place,
-        "before": _STATUSES.get(one.status_before, one.status_before),
-        "after": _STATUSES.get(one.status_after, one.status_after),
+        "before": said(_STATUSES.get(one.status_before, one.status_before)),
+        "after": said(_STATUSES.get(one.status_after, one.status_after)),
     }
 
 
@@ -290,17 +356,21 @@ def _picture(preview: Preview) -> dict[str, Any] | None:
         max(float(one.positions_mm[-1]) for one in shown),
     )
     is_both_ways = any(one.backward_errors is not None for one in shown)
-    name = f"{component.code} compensation in {component.unit.symbol}: faint now, strong afterwards"
+    code, unit = component.code, component.unit.symbol
+    name = _(
+        "%(code)s compensation in %(unit)s: faint now, strong afterwards", code=code, unit=unit
+    )
     lost_mm = _lost_mm(lost, ends)
     return {
-        "title": f"{component.code} compensation at the latest temperatures, "
-        f"{component.unit.symbol}",
+        "title": _(
+            "%(code)s compensation at the latest temperatures, %(unit)s", code=code, unit=unit
+        ),
         "svg": before_after_svg(before, after, scale, ends, lost_mm, name),
         "ticks": [
             {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": short(t)}
             for t in scale.ticks
         ],
-        "positions": [short(x) for x in positions_scale(*ends)],
+        "positions": [position(x) for x in positions_scale(*ends)],
         "axis": (component.axis or "").upper(),
         "is_both_ways": is_both_ways,
         "lost": lost.text if lost is not None and lost_mm is not None else "",

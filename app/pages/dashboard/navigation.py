@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from app.message import Message
+
 MACHINE_PAGES: Final[tuple[tuple[str, str], ...]] = (
-    ("", "Now"),
-    ("/loop", "Loop"),
-    ("/maps", "Maps and versions"),
-    ("/volume", "Volume"),
-    ("/history", "History"),
-    ("/events", "Events"),
-    ("/setup", "Set-up"),
+    ("", Message("Now")),
+    ("/loop", Message("Loop")),
+    ("/maps", Message("Maps and versions")),
+    ("/volume", Message("Volume")),
+    ("/history", Message("History")),
+    ("/events", Message("Events")),
+    ("/setup", Message("Set-up")),
 )
 """Where each stands below `/machines/{machine}`, and its title."""
 

@@ -12,7 +12,8 @@ from urllib.parse import urlencode
 import numpy as np
 from markupsafe import Markup
 
-from app.live.database_watch import Trouble
+from app.live.database_watch import Trouble, TroubleKind
+from app.message import Message
 from app.pages.dashboard.charts import (
     Scale,
     course_svg,
@@ -23,9 +24,23 @@ from app.pages.dashboard.charts import (
 )
 from app.pages.dashboard.events import event_row
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import MINUS, NO_BREAK, age, clock, number, short, signed
+from app.pages.dashboard.numbers import (
+    MINUS,
+    NO_BREAK,
+    age,
+    clock,
+    difference,
+    difference_unit,
+    marked,
+    number,
+    place_words,
+    position,
+    signed,
+)
 from app.pages.environment import render_live
-from app.pages.reader_zone import localised, zone_name
+from app.pages.languages import ENGLISH
+from app.pages.reader import reader, zone_name
+from app.pages.wording import _, all_said, counted, said, said_near
 from app.services.dashboard import Curve, MachineView
 from app.status.machine_status import (
     LastCheck,
@@ -52,22 +67,32 @@ _LIMITED: Final = frozenset({Status.CLAMPED, Status.EXTRAPOLATED, "held"})
 """Statuses of components that are marked."""
 
 _STATES: Final[Mapping[State, str]] = {
-    State.NO_MODEL: "No model",
-    State.NO_READING: "No reading",
-    State.SENSOR_FAULT: "Sensor fault",
-    State.OUTSIDE_MAPS: "Outside the maps",
-    State.STALE: "Stale",
-    State.EXTRAPOLATED: "Extrapolated",
-    State.CLAMPED: "Outside calibrated range",
-    State.HELD: "Held at edge",
-    State.EFFECT_MISSING: "Effect missing",
-    State.INCOMPLETE: "Incomplete",
-    State.LATE: "Sensor late",
-    State.DRIFTING: "Drifting",
-    State.CHECK_OFF: "Last check off",
-    State.EFFECT_NOT_ADOPTED: "Effect not adopted",
-    State.STAND_IN: "Stand-in",
-    State.FRESH: "Up to date",
+    State.NO_MODEL: Message("No model"),
+    State.NO_READING: Message("No reading"),
+    State.SENSOR_FAULT: Message("Sensor fault"),
+    State.OUTSIDE_MAPS: Message("Outside the maps"),
+    State.STALE: Message("Stale"),
+    State.EXTRAPOLATED: Message("Extrapolated"),
+    State.CLAMPED: Message("Outside calibrated range"),
+    State.HELD: Message("Held at edge"),
+    State.EFFECT_MISSING: Message("Effect missing"),
+    State.INCOMPLETE: Message("Incomplete"),
+    State.LATE: Message("Sensor late"),
+    State.DRIFTING: Message("Drifting"),
+    State.CHECK_OFF: Message("Last check off"),
+    State.EFFECT_NOT_ADOPTED: Message("Effect not adopted"),
+    State.STAND_IN: Message("Stand-in"),
+    State.FRESH: Message("Up to date"),
+}
+
+_HEALTHS: Final[Mapping[Health, str]] = {
+    Health.OK: Message("ok"),
+    Health.MISSING: Message("missing"),
+    Health.STALE: Message("stale"),
+    Health.OUT_OF_RANGE: Message("out of range"),
+    Health.STUCK: Message("stuck"),
+    Health.JUMP: Message("jump"),
+    Health.FAULTY: Message("faulty"),
 }
 
 _HYPHEN: Final = "\N{NON-BREAKING HYPHEN}"
@@ -136,11 +161,12 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
 def check_words(check: LastCheck | None) -> str:
     """Say briefly by how much the last check was off, and what was expected."""
     if check is None:
-        return "none of this version"
+        return _("none of this version")
     if check.off is None or check.at_most is None:
-        return "not judged"
-    off, at_most = in_micro(check.off), in_micro(check.at_most)
-    return f"{off}{NO_BREAK}{check.unit} (at most {at_most})"
+        return _("not judged")
+    off, at_most = (marked(in_micro(size)) for size in (check.off, check.at_most))
+    size = f"{off}{NO_BREAK}{check.unit}"
+    return _("%(size)s (at most %(most)s)", size=size, most=at_most)
 
 
 def group_of(status: MachineStatus) -> str:
@@ -165,26 +191,41 @@ class Summary:
 
 def _summary(statuses: Sequence[MachineStatus], counts: Mapping[str, int]) -> Summary:
     if not statuses:
-        return Summary("No machine yet.", "", "", counts)
+        return Summary(_("No machine yet."), "", "", counts)
     trusted = counts["trusted"] + counts["service"]
     limited = counts["limited"]
     failed = [s for s in statuses if s.verdict is Verdict.NOT_TRUSTED]
     worst = ""
     if len(failed) == 1:
-        worst = f"{failed[0].name} cannot: {_STATES[failed[0].state].lower()}."
+        state = said(_STATES[failed[0].state])
+        state = state.lower() if reader().language == ENGLISH else state
+        worst = _("%(machine)s cannot: %(state)s.", machine=failed[0].name, state=state)
     elif failed:
-        worst = f"{len(failed)} cannot."
+        worst = counted(len(failed), "%(count)s cannot.", "%(count)s cannot.")
     return Summary(
-        f"{trusted} of {len(statuses)} can be trusted.",
+        counted(
+            trusted,
+            "%(count)s of %(all)s can be trusted.",
+            "%(count)s of %(all)s can be trusted.",
+            all=len(statuses),
+        ),
         worst,
-        f"{limited} {'is' if limited == 1 else 'are'} limited." if limited else "",
+        counted(limited, "%(count)s is limited.", "%(count)s are limited.") if limited else "",
         counts,
     )
 
 
 def _trouble_words(trouble: Trouble, now: datetime) -> str:
     since = f"{clock(trouble.since, now)} {zone_name(trouble.since)}"
-    return f"The database {trouble.matter.value} since {since}: tables go on from memory."
+    match trouble.matter:
+        case TroubleKind.AWAY:
+            words = _("The database has been away since %(time)s", time=since)
+        case TroubleKind.SILENT:
+            words = _("The database has not answered since %(time)s", time=since)
+        case TroubleKind.LOCKED:
+            words = _("The database has been locked since %(time)s and takes nothing", time=since)
+    going_on = _("tables go on from memory.")
+    return f"{words}: {going_on}"
 
 
 def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[str, Any]:
@@ -194,16 +235,14 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
     course = Markup("")
     if leading is not None:
         is_old = leading.health is not Health.OK
-        name = f"{leading.sensor} over two hours"
+        name = _("%(sensor)s over two hours", sensor=leading.sensor)
         course = course_svg(view.courses[leading.sensor], leading.maps_c, name, is_old=is_old)
     return {
         "status": status,
         "group": group,
         "state": _state_words(status, now),
-        "why": localised(why, now),
-        "more": ""
-        if status.verdict is Verdict.TRUSTED
-        else localised(" ".join(status.sentences), now),
+        "why": said_near(why, now),
+        "more": "" if status.verdict is Verdict.TRUSTED else all_said(status.sentences, now),
         "leading": leading,
         "course": course,
         "is_old": leading is None or leading.health is not Health.OK or _is_old(status),
@@ -267,7 +306,7 @@ def _sensors(view: MachineView) -> dict[str, Any]:
 def _state_words(status: MachineStatus, now: datetime) -> str:
     # A date is not broken at its hyphens.
     since = "" if status.since is None else f" · {clock(status.since, now).replace('-', _HYPHEN)}"
-    return _STATES[status.state] + since
+    return said(_STATES[status.state]) + since
 
 
 def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
@@ -276,16 +315,17 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     if sensor.health is not Health.OK:
         words = _health_words(sensor)
     elif sensor.no_value_since is not None:
-        words = "no value"
+        words = _("no value")
     elif sensor.is_late and sensor.age_s is not None:
-        words = f"{age(sensor.age_s)} old"
+        words = _("%(age)s old", age=age(sensor.age_s))
     elif outside is None:
-        words = "not used"
+        words = _("not used")
     elif outside == 0.0:
-        words = "inside"
+        words = _("inside")
     else:
-        words = f"{number(abs(outside))} K {'over' if outside > 0 else 'under'}"
-    name = f"{sensor.sensor} over two hours: now {words}"
+        by = _kelvins(outside)
+        words = _("%(by)s over", by=by) if outside > 0 else _("%(by)s under", by=by)
+    name = _("%(sensor)s over two hours: now %(state)s", sensor=sensor.sensor, state=words)
     return {
         "now": sensor,
         "is_fault": is_fault,
@@ -301,13 +341,17 @@ def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
     }
 
 
+def _kelvins(outside_k: float) -> str:
+    return f"{number(difference(abs(outside_k)))} {difference_unit()}"
+
+
 def _health_words(sensor: SensorNow | None) -> str:
     """Say what is the matter with a sensor, in two words; empty where nothing is."""
     if sensor is None or sensor.health is Health.OK:
         return ""
     if sensor.health is Health.STALE and sensor.age_s is not None:
-        return f"{age(sensor.age_s)} old"
-    return str(sensor.health).replace("-", " ")
+        return _("%(age)s old", age=age(sensor.age_s))
+    return said(_HEALTHS[sensor.health])
 
 
 def _is_old(status: MachineStatus) -> bool:
@@ -338,7 +382,7 @@ def _axes(curves: Sequence[Curve], chosen: Mapping[str, str]) -> list[dict[str, 
         found.append(
             {
                 "name": axis,
-                "title": f"{axis.upper()} axis",
+                "title": _("%(axis)s axis", axis=axis.upper()),
                 "chosen": curve,
                 "rows": [_component_row(c, axis, curve, query, lengths, own) for c in own],
                 **_chart(curve, scales, own),
@@ -371,37 +415,42 @@ def _chart(
     ends = _ends_mm(curves)
     basis = curve.entry.basis
     if not curve.maps:
-        between = "not between two maps"
+        between = _("not between two maps")
     else:
         between = f"{curve.maps[0].label} ↔ {curve.maps[1].label}"
-    label = Markup("<b>now</b>")
+    nearest = basis.upper_map if (basis.weight or 0.0) > 0.5 else basis.lower_map
+    label = Markup("<b>{}</b>").format(_("now"))
     if curve.trend is not None:
-        nearest = basis.upper_map if (basis.weight or 0.0) > 0.5 else basis.lower_map
-        label = Markup("<b>now = {} (held)</b>; amber: the trend").format(nearest)
+        held = _("now = %(map)s (held)", map=nearest)
+        label = Markup("<b>{}</b>; {}").format(held, _("amber: the trend"))
     elif basis.weight is not None:
-        label = Markup("<b>now, {:.0f} % between</b> {} (dots) and {} (dashes)").format(
-            100.0 * basis.weight, curve.maps[0].label, curve.maps[1].label
+        share = _("now, %(share).0f %% between", share=100.0 * basis.weight)
+        maps = _(
+            "%(lower)s (dots) and %(upper)s (dashes)",
+            lower=curve.maps[0].label,
+            upper=curve.maps[1].label,
         )
+        label = Markup("<b>{}</b> {}").format(share, maps)
     if curve.entry.effects:
-        label += Markup("; with {}").format(", ".join(curve.entry.effects))
+        label += _("; with %(effects)s", effects=", ".join(curve.entry.effects))
     if curve.entry.backward_errors is not None:
-        label += Markup("; thin: backward")
+        label += _("; thin: backward")
     value, place = _largest_of(curve)
-    name = (
-        f"{curve.component.code}: compensation now, largest {signed(value)} "
-        f"{curve.component.unit.symbol}{place and ' ' + place}; maps {between}"
+    name = _(
+        "%(code)s: compensation now, largest %(size)s; maps %(between)s",
+        code=curve.component.code,
+        size=f"{signed(value)} {curve.component.unit.symbol}{place and ' ' + place}",
+        between=between,
     )
     return {
         "chart": curve_svg(curve, scale, ends, name),
-        "between": f"held at {basis.upper_map if (basis.weight or 0) > 0.5 else basis.lower_map}"
-        if curve.trend is not None
-        else between,
+        "between": between if curve.trend is None else _("held at %(map)s", map=nearest),
         "label": label,
         "ticks": [
             {"top": round(100.0 * (1.0 - scale.share(t)), 2), "words": _tick(t)}
             for t in scale.ticks
         ],
-        "positions": [short(x) for x in positions_scale(ends[0], ends[-1])],
+        "positions": [position(x) for x in positions_scale(ends[0], ends[-1])],
     }
 
 
@@ -431,11 +480,11 @@ def _largest_of(curve: Curve) -> tuple[float, str]:
     """Find a component's largest compensation in either direction, and write its place."""
     values, count = values_of(curve.entry), curve.entry.compensation.size
     at = int(np.abs(values).argmax())
-    axis = curve.component.axis
-    place = ""
-    if axis is not None:
-        place = f"at {axis.upper()} {short(round(curve.entry.positions_mm[at % count], 1))}"
-    return float(values[at]), (place + (" backward" if at >= count else "")).strip()
+    axis, is_backward = curve.component.axis, at >= count
+    if axis is None:
+        return float(values[at]), _("backward") if is_backward else ""
+    position_mm = float(round(curve.entry.positions_mm[at % count], 1))
+    return float(values[at]), place_words(axis, position_mm, is_backward=is_backward)
 
 
 def _size(curve: Curve) -> float:
@@ -471,10 +520,10 @@ def _drawn_values(curve: Curve) -> list[float]:
 def _uncertainty(curves: Sequence[Curve]) -> str:
     """Say what the band is, or why there is none."""
     if any(c.entry.standard_errors is not None for c in curves):
-        return "Band: ± 2 σ of the maps' measurement."
+        return _("Band: ± 2 σ of the maps' measurement.")
     if any(c.entry.effects for c in curves):
-        return "Uncertainty: not known with an adopted effect."
-    return "Uncertainty: not stated in the maps."
+        return _("Uncertainty: not known with an adopted effect.")
+    return _("Uncertainty: not stated in the maps.")
 
 
 def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
@@ -488,31 +537,32 @@ def _tables(curves: Sequence[Curve]) -> Iterable[dict[str, Any]]:
     for (axis, at), own in groupby(sorted(tables, key=positions), key=positions):
         letter = axis.upper()
         yield {
-            "head": f"{letter}, mm",
-            "caption": f"Compensation along {letter}",
-            "positions": [short(x) for x in at],
+            "head": f"{letter}, {reader().length}",
+            "caption": _("Compensation along %(axis)s", axis=letter),
+            "positions": [position(x) for x in at],
             "rows": list(_rows(own)),
         }
     if single:
         yield {
-            "head": "Without a position",
-            "caption": "Compensation that has no position",
-            "positions": ["value"],
+            "head": _("Without a position"),
+            "caption": _("Compensation that has no position"),
+            "positions": [_("value")],
             "rows": list(_rows(single)),
         }
 
 
 def _rows(curves: Iterable[Curve]) -> Iterator[dict[str, Any]]:
     for c in curves:
-        ways = ("", c.entry.compensation), (" backward", c.entry.backward_compensation)
+        ways = ("", c.entry.compensation), (" " + _("backward"), c.entry.backward_compensation)
         for way, values in ways:
             if values is not None:
                 yield {
-                    "code": c.component.code + way,
+                    "code": c.component.code,
+                    "way": way,
                     "unit": c.component.unit.symbol,
                     "values": values.tolist(),
                 }
 
 
 def _tick(value: float) -> str:
-    return f"{value:,.10g}".replace("-", MINUS).replace(",", NO_BREAK)
+    return marked(f"{value:,.10g}".replace("-", MINUS).replace(",", NO_BREAK))

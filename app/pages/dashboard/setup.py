@@ -9,14 +9,16 @@ from datetime import datetime
 from itertools import groupby
 from typing import Any, Final
 
-from app.errors import counted, list_names
+from app.errors import list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.message import Message
 from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
 from app.pages.environment import render_live
-from app.pages.reader_zone import day_and_time
+from app.pages.reader import day_and_time
+from app.pages.wording import _, counted
 from app.services.setup import SetupView
 from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
@@ -105,7 +107,8 @@ def links_of(chain: Chain) -> list[str]:
     ['workpiece', 'Y', 'X', 'bed', 'Z', 'tool']
     """
     carried = [axis.upper() for axis in reversed(chain.workpiece)]
-    return ["workpiece", *carried, "bed", *(axis.upper() for axis in chain.tool), "tool"]
+    tool = (axis.upper() for axis in chain.tool)
+    return [Message("workpiece"), *carried, Message("bed"), *tool, Message("tool")]
 
 
 def _form(machine: Machine) -> dict[str, Any]:
@@ -124,22 +127,27 @@ def _form(machine: Machine) -> dict[str, Any]:
 
 def _steps(view: SetupView) -> Iterator[Step]:
     machine, maps = view.machine, view.version.maps if view.version else []
-    sensors = counted(len(machine.sensors), "sensor")
-    yield Step("Machine", bool(machine.sensors), f"{machine.chain.text}, {sensors}")
-    states = "" if len(maps) > 1 else "; a table needs maps of two thermal states"
-    yield Step("Maps", len(maps) > 1, f"{counted(len(maps), 'map')}{states}")
+    sensors = counted(len(machine.sensors), "%(count)s sensor", "%(count)s sensors")
+    yield Step(_("Machine"), bool(machine.sensors), f"{machine.chain.text}, {sensors}")
+    states = "" if len(maps) > 1 else _("; a table needs maps of two thermal states")
+    stored = counted(len(maps), "%(count)s map", "%(count)s maps")
+    yield Step(_("Maps"), len(maps) > 1, stored + states)
     without = [p.code for p in view.proposals if p.current_sensor is None]
-    follow = f"{list_names(without, 6)} follow no sensor" if without else "every component has one"
-    yield Step("Sensors", bool(maps) and not without, follow if maps else "after the maps")
+    follow = (
+        _("%(codes)s follow no sensor", codes=list_names(without, 6))
+        if without
+        else _("every component has one")
+    )
+    yield Step(_("Sensors"), bool(maps) and not without, follow if maps else _("after the maps"))
     at = view.status.reading_time
-    arrived = "none has come yet" if at is None else f"latest {day_and_time(at)}"
-    yield Step("Readings", at is not None, arrived)
+    arrived = _("none has come yet") if at is None else _("latest %(time)s", time=day_and_time(at))
+    yield Step(_("Readings"), at is not None, arrived)
 
 
 def _groups(view: SetupView) -> Iterator[dict[str, Any]]:
     """Group the components of the maps by their axis, each with what it may follow."""
     for axis, group in groupby(view.proposals, lambda p: COMPONENTS[p.code].axis):
-        title = f"{axis.upper()} axis" if axis else "Squareness and location"
+        title = _("%(axis)s axis", axis=axis.upper()) if axis else _("Squareness and location")
         yield {"title": title, "rows": [_row(proposal) for proposal in group]}
 
 
@@ -156,13 +164,14 @@ def _row(proposal: Proposal) -> dict[str, Any]:
 def _cell(one: SensorCorrelation, proposal: Proposal) -> dict[str, Any]:
     low_high = None if one.r_low is None or one.r_high is None else (one.r_low, one.r_high)
     interval = "" if low_high is None else f", 95 % {low_high[0]:+.2f} to {low_high[1]:+.2f}"
+    maps = counted(one.maps, "%(count)s map", "%(count)s maps")
     return {
         "sensor": one.sensor,
         "is_current": one.sensor == proposal.current_sensor,
         "is_proposed": one.sensor == proposal.proposed_sensor,
         "ties": one.ties_with_best,
         "r": "–" if one.r is None else number(one.r),
-        "title": one.reason or f"r {one.r:+.3f}{interval}, {counted(one.maps, 'map')}",
+        "title": one.reason or f"r {one.r:+.3f}{interval}, {maps}",
     }
 
 

@@ -9,13 +9,14 @@ from app.effects.observations import Verification
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
 from app.pages.what_was_read import WhatWasRead, read_of_map, read_of_verification
+from app.pages.wording import _
 from app.storage.records import StoredMap
 from app.thermal.machine import Machine
 
 
 def stored_map_page(machine: Machine, stored: StoredMap, now: datetime, *, in_use: bool) -> str:
     """Write the page of one error map."""
-    words = "In the active version." if in_use else "Not in the active version."
+    words = _("In the active version.") if in_use else _("Not in the active version.")
     read = read_of_map(stored.error_map)
     return _page(
         machine, now, "/maps", f"error-maps/{stored.id}", read, stored.error_map.label, words
@@ -25,7 +26,7 @@ def stored_map_page(machine: Machine, stored: StoredMap, now: datetime, *, in_us
 def stored_check_page(machine: Machine, number: int, check: Verification, now: datetime) -> str:
     """Write the page of one check, as it was measured."""
     read = read_of_verification(check)
-    words = "As it was measured; its residuals stand on the page Loop."
+    words = _("As it was measured; its residuals stand on the page Loop.")
     return _page(machine, now, "/loop", f"verifications/{number}", read, check.label, words)
 
 

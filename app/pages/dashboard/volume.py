@@ -13,24 +13,33 @@ import numpy as np
 from markupsafe import Markup
 
 from app.arrays import FloatArray
-from app.errors import counted, list_names
+from app.errors import list_names
 from app.geometry.compensation_levels import Level
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
+from app.message import Message
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import NO_BREAK, number, signed
+from app.pages.dashboard.numbers import NO_BREAK, marked, number, position, signed, temperature
 from app.pages.dashboard.pages import group_of
 from app.pages.environment import render_live
+from app.pages.reader import reader
+from app.pages.wording import _, counted, said
 from app.pictures.slices import LINES, Slice
 from app.services.volume import PointError, VolumeNow, VolumeView
 from app.units import UM_PER_MM
 
 LEVELS: Final = {
-    Level.NOTHING: "Nothing is compensated",
-    Level.DISPLACEMENT: "Displacement: EXX, EYY, EZZ",
-    Level.STRAIGHTNESS: "… and straightness, squareness",
-    Level.ANGULAR: "… and the nine rotations",
-    Level.NONRIGID: "… and slopes of bending axes",
+    Level.NOTHING: Message("Nothing is compensated"),
+    Level.DISPLACEMENT: Message("Displacement: EXX, EYY, EZZ"),
+    Level.STRAIGHTNESS: Message("… and straightness, squareness"),
+    Level.ANGULAR: Message("… and the nine rotations"),
+    Level.NONRIGID: Message("… and slopes of bending axes"),
+}
+
+_VIEWS: Final = {
+    "Top": Message("Top view"),
+    "Front": Message("Front view"),
+    "Side": Message("Side view"),
 }
 
 _ROUND: Final = (1.0, 2.0, 5.0)
@@ -65,8 +74,11 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
     m = _margin_mm(slices, now.volume)
     first_mm, second_mm = _columns_mm(slices, now.volume, m)
     return {
-        "title": f"Largest error {number(worst.length_um, 1)} µm at {_place(worst)}, "
-        "before compensation.",
+        "title": _(
+            "Largest error %(size)s µm at %(place)s, before compensation.",
+            size=number(worst.length_um, 1),
+            place=_place(worst),
+        ),
         "conditions": _conditions(now),
         "zero": _zero(now),
         "warnings": now.warnings,
@@ -82,18 +94,18 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         ],
         "through": [
             (words, urlencode(base | {"through": words}), words == now.through)
-            for words in ("worst", "middle")
+            for words in (Message("worst"), Message("middle"))
         ],
         "corners": [
-            _row("worst", worst, largest),
+            _row(_("worst"), worst, largest),
             *(_row(str(i), one, largest) for i, one in enumerate(now.corners, start=1)),
         ],
         "levels": _levels(now),
         "definitions": [
             ("Ed, ISO 230\N{NON-BREAKING HYPHEN}6", now.accuracy.diagonals.ed_um),
             ("ESd", now.accuracy.diagonals.esd_um),
-            ("Definition 1", now.accuracy.with_arms.definition_1),
-            ("Definition 2", now.accuracy.with_arms.definition_2),
+            (_("Definition 1"), now.accuracy.with_arms.definition_1),
+            (_("Definition 2"), now.accuracy.with_arms.definition_2),
             ("ELv", now.accuracy.lines.elv_um),
             ("ELSv", now.accuracy.lines.elsv_um),
         ],
@@ -112,14 +124,24 @@ def _asked(now: VolumeNow) -> str:
 
 def _place(one: PointError) -> str:
     words = [f"{a.upper()} {_mm(v)}" for a, v in zip(LINEAR_LETTERS, one.point_mm, strict=True)]
-    return ", ".join(words) + " mm"
+    return f"{', '.join(words)} {reader().length}"
 
 
 def _conditions(now: VolumeNow) -> str:
     tool = ", ".join(_mm(t) for t in now.tool_offset_mm)
-    at = ", ".join(f"{s} {number(t)} °C" for s, t in now.answer.temperatures_c[0].items())
+    at = ", ".join(
+        f"{s} {temperature(t)} {reader().temperature}"
+        for s, t in now.answer.temperatures_c[0].items()
+    )
     chain = now.answer.machine.chain.text
-    return f"At {at}; v{now.answer.model_version}, tool offset ({tool}) mm, {chain}."
+    return _(
+        "At %(temperatures)s; v%(version)s, tool offset (%(offset)s) %(unit)s, %(chain)s.",
+        temperatures=at,
+        version=now.answer.model_version,
+        offset=tool,
+        unit=reader().length,
+        chain=chain,
+    )
 
 
 def _zero(now: VolumeNow) -> str:
@@ -127,10 +149,13 @@ def _zero(now: VolumeNow) -> str:
     missing = now.answer.counted_as_zero
     if not missing:
         return ""
-    verb = "counts" if len(missing) == 1 else "count"
-    return (
-        f"{counted(len(missing), 'component')} without two maps {verb} as zero: "
-        f"{list_names(missing)}. The true error may be larger."
+    return counted(
+        len(missing),
+        "%(count)s component without two maps counts as zero: %(codes)s. "
+        "The true error may be larger.",
+        "%(count)s components without two maps count as zero: %(codes)s. "
+        "The true error may be larger.",
+        codes=list_names(missing),
     )
 
 
@@ -150,7 +175,7 @@ def _levels(now: VolumeNow) -> list[dict[str, Any]]:
     largest = max((one.max_um for one in now.levels), default=0.0) or 1.0
     return [
         {
-            "name": LEVELS[one.level],
+            "name": said(LEVELS[one.level]),
             "mean": number(one.mean_um, 1),
             "largest": number(one.max_um, 1),
             "share": round(100.0 * one.max_um / largest, 1),
@@ -227,14 +252,20 @@ def _view(one: Slice, now: VolumeNow, margin_mm: float) -> dict[str, Any]:
         parts.append(f'<line class="edge" x1="{a:.2f}" y1="{b:.2f}" x2="{c:.2f}" y2="{d:.2f}"/>')
         parts.append(f'<circle class="from" cx="{a:.2f}" cy="{b:.2f}" r="{ring / 2:.2f}"/>')
         parts.append(f'<circle class="ringed" cx="{c:.2f}" cy="{d:.2f}" r="{ring:.2f}"/>')
-    name = (
-        f"{one.name} view, {one.plane} at {third} {_mm(one.at_mm)} mm: nominal grid and real one, "
-        f"errors drawn {now.exaggeration:g} times larger"
+    view = said(_VIEWS[one.name])
+    plane = _("%(plane)s at %(place)s", plane=one.plane, place=f"{third} {_mm(one.at_mm)}")
+    name = _(
+        "%(view)s, %(plane)s %(unit)s: nominal grid and real one, errors drawn %(times)s times "
+        "larger",
+        view=view,
+        plane=plane,
+        unit=reader().length,
+        times=f"{now.exaggeration:g}",
     )
     return {
-        "name": one.name,
+        "name": view,
         "key": one.name.lower(),
-        "words": f"{one.plane} at {third} {_mm(one.at_mm)}",
+        "words": plane,
         "svg": _svg(size, parts, name),
         "across": LINEAR_LETTERS[one.across].upper(),
         "up": LINEAR_LETTERS[one.up].upper(),
@@ -259,13 +290,13 @@ def _bars(now: VolumeNow, width_mm: float) -> dict[str, Any]:
         return f'<polyline class="{kind}" points="{points}"/>'
 
     def words(length: float, unit: str) -> str:
-        return f"{length:,.10g} {unit}".replace(",", NO_BREAK)
+        return marked(f"{length:,.10g}".replace(",", NO_BREAK)) + f" {unit}"
 
     return {
         "travel": _svg((width_mm, high), [bar("nominal bar-line", high * 0.7, travel)], ""),
-        "travel_words": f"{words(travel, 'mm')} of travel",
+        "travel_words": _("%(length)s of travel", length=f"{position(travel)} {reader().length}"),
         "error": _svg((width_mm, high), [bar("edge", high * 0.7, long_mm)], ""),
-        "error_words": f"{words(error_um, 'µm')} of error",
+        "error_words": _("%(length)s of error", length=words(error_um, "µm")),
     }
 
 
@@ -283,4 +314,4 @@ def _svg(size: tuple[float, float], parts: Iterable[str], name: str) -> Markup:
 
 
 def _mm(value: float) -> str:
-    return f"{round(value, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
+    return position(round(value, 1))

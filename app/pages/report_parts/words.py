@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from app.pages.dashboard.numbers import marked
 from app.units import true_minus
 
 MOST_DECIMALS: Final = 4
@@ -111,7 +112,7 @@ def figure_text(value: float | None, decimals: int) -> str:
     """
     if value is None:
         return "–"
-    return true_minus(f"{round(value, decimals) + 0.0:.{decimals}f}")
+    return marked(true_minus(f"{round(value, decimals) + 0.0:.{decimals}f}"))
 
 
 def chance_text(probability: float) -> str:
@@ -130,7 +131,7 @@ def chance_text(probability: float) -> str:
     percent = 100.0 * probability
     if percent < 0.01:
         return "below 0.01 %"
-    return f"{percent:.2g} %" if percent < 99.5 else "100 %"
+    return marked(f"{percent:.2g} %") if percent < 99.5 else "100 %"
 
 
 def percent_text(share: float) -> str:

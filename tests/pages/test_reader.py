@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import app
-from app.pages.reader_zone import day_and_time, local, localised, read_zone, zone_key, zone_name
+from app.pages.reader import day_and_time, local, localised, read_reader, zone_key, zone_name
 from tests.api.test_api_dashboard import feed, shown
 from tests.service_examples import START, reading
 
@@ -22,27 +22,27 @@ SUMMER = datetime(2026, 7, 2, 1, 0, tzinfo=UTC)
 @pytest.fixture(autouse=True)
 def in_utc():
     yield
-    read_zone(None)
+    read_reader({})
 
 
 @pytest.mark.parametrize(
     "name", ["", "Europe/Nowhere", "../../etc/passwd", "/etc/localtime", "Europe", "\0", "x" * 5000]
 )
 def test_what_is_no_zone_is_utc(name):
-    read_zone(name)
+    read_reader({"thermap-zone": name})
     assert zone_key() == "UTC"
     assert day_and_time(SUMMER) == "2026-07-02 01:00:00 UTC"
 
 
 def test_a_zone_without_letters_is_said_as_what_it_is_ahead():
-    read_zone("America/Sao_Paulo")
+    read_reader({"thermap-zone": "America/Sao_Paulo"})
     assert day_and_time(SUMMER) == "2026-07-01 22:00:00 UTC-03"
 
 
 @given(st.datetimes(datetime(2020, 1, 1), datetime(2035, 1, 1)), st.sampled_from(ZONES))
 def test_a_sentence_says_the_same_moment_in_every_zone(moment, zone):
     moment = moment.replace(microsecond=0, tzinfo=UTC)
-    read_zone(zone)
+    read_reader({"thermap-zone": zone})
     said = f"late since {moment:%Y-%m-%d %H:%M:%S} UTC, and {moment:%H:%M} UTC too."
     at = local(moment)
     name = zone_name(moment)
@@ -54,7 +54,7 @@ def test_a_sentence_says_the_same_moment_in_every_zone(moment, zone):
 
 
 def test_a_time_of_day_is_the_nearest_one():
-    read_zone("Europe/Berlin")
+    read_reader({"thermap-zone": "Europe/Berlin"})
     assert localised("since 23:30 UTC", SUMMER) == "since 01:30 CEST"
     # 23:30 of the evening before was still in summer time, and 01:30 was not any more.
     night = datetime(2026, 10, 25, 2, 0, tzinfo=UTC)
@@ -88,7 +88,7 @@ def test_what_is_typed_is_the_moment_that_is_shown(zone, tmp_path):
         encoding="utf-8",
     )
     answer = subprocess.run(["node", script], capture_output=True, text=True, check=True)
-    read_zone(zone)
+    read_reader({"thermap-zone": zone})
     for at, (words, back) in zip(moments, json.loads(answer.stdout), strict=True):
         assert words == day_and_time(datetime.fromtimestamp(at / 1000, UTC))[:19]
         assert back == at
