@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Final
 
 from app.connections.connection import Connection, TellsTables
+from app.connections.follower import Trouble
 from app.connections.intake import Fate, TakesValues
 from app.connections.known_values import REPEATED_S
 from app.connections.mqtt_link import Arrived, Broker, BrokerRefused, Link, LinkLost
@@ -55,7 +56,7 @@ class MqttConnection(TellsTables):
         self._sparkplug = SparkplugFollower(table.sparkplug, intake)
         self._link: Link | None = None
         self._publisher: TablePublisher | None = None
-        self._trouble = ""
+        self._trouble = Trouble(f"MQTT {table.name!r}")
         self._refused: Sequence[str] = ()
         self._last_value_at: datetime | None = None
         self._machines = {one.machine for one in table.topics if one.machine is not None}
@@ -92,7 +93,7 @@ class MqttConnection(TellsTables):
         )
 
     def _troubles(self) -> list[str]:
-        said = [self._trouble, *self._refused]
+        said = [str(self._trouble), *self._refused]
         if self._publisher is not None:
             said.append(self._publisher.trouble)
         if self._link is not None:
@@ -124,7 +125,8 @@ class MqttConnection(TellsTables):
 
     async def _attend(self, link: Link) -> None:
         """Do all that a contact is for, until it ends."""
-        self._link, self._trouble, self._refused = link, "", ()
+        self._link, self._refused = link, ()
+        self._trouble.say("")
         self._begin_to_listen()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._take_messages(link))
@@ -292,9 +294,7 @@ class MqttConnection(TellsTables):
 
     def lost(self, words: str) -> None:
         """Take note of why there is no contact."""
-        if words != self._trouble:
-            log.warning("MQTT %r: %s", self._table.name, words)
-        self._trouble = words
+        self._trouble.say(words)
 
 
 def _settle_when_told(link: Link, message: Arrived, told: Sequence[asyncio.Future[Fate]]) -> None:

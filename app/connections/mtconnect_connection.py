@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
-from datetime import datetime
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Final
 
 import httpx
 from pydantic import Field
 
 from app.connections.connection import (
-    Connection,
-    ConnectionTable,
-    ShortName,
     Table,
     TemperatureTable,
     each,
 )
+from app.connections.follower import Followed, FollowedTable, FollowingConnection
 from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
 from app.services.context import Context
 
 if TYPE_CHECKING:
-    from app.connections.mtconnect import AgentFollower, Found
+    from app.connections.mtconnect import AgentFollower
 
 _URL: Final = r"https?://[^\s]+"
 
@@ -38,13 +35,12 @@ class ItemTable(TemperatureTable, StateItemTable):
     """A data item that is a temperature."""
 
 
-class MtconnectTable(ConnectionTable):
+class MtconnectTable(FollowedTable):
     """One agent."""
 
     extra = "mtconnect"
     library = "defusedxml"
 
-    machine: ShortName
     url: Annotated[str, Field(pattern=_URL, max_length=500)]
     sensors: Annotated[dict[str, ItemTable], Field(min_length=1, max_length=200), each("item")]
     state: Annotated[dict[str, StateItemTable], each("item")] = Field(default_factory=dict)
@@ -52,22 +48,23 @@ class MtconnectTable(ConnectionTable):
     stream: bool = False
 
 
-class AgentConnection:
+class AgentConnection(FollowingConnection):
     """One MTConnect agent, whose values become readings of one machine."""
+
+    kind = "mtconnect"
+    _follower: AgentFollower | None = None
 
     def __init__(
         self, table: MtconnectTable, intake: TakesValues, context: Callable[[], Context]
     ) -> None:
+        known = KnownValues(intake, table.machine, table.sensors, table.state)
+        super().__init__(table, str(httpx.URL(table.url).copy_with(userinfo=b"")), known, context)
         self._table = table
-        self._context = context
-        self._known = KnownValues(intake, table.machine, table.sensors, table.state)
-        self._last_value_at: datetime | None = None
-        self._follower: AgentFollower | None = None
 
     async def run(self) -> None:
         """Follow the agent until contact is lost."""
         # Imported only here: its library is an extra.
-        from app.connections.mtconnect import AgentFollower, Followed
+        from app.connections.mtconnect import AgentFollower
         from app.connections.mtconnect_agent import Agent
 
         table = self._table
@@ -82,35 +79,6 @@ class AgentConnection:
             self._follower.agent = agent
             tasks.create_task(self._follower.run())
             tasks.create_task(self._repeat())
-
-    def lost(self, words: str) -> None:
-        """Take note of why there is no contact."""
-        if self._follower is not None:
-            self._follower.lost(words)
-
-    def now(self) -> Connection:
-        """Say how it fares."""
-        follower = self._follower
-        return Connection(
-            name=self._table.name,
-            kind="mtconnect",
-            machines=(self._table.machine,),
-            endpoint=str(httpx.URL(self._table.url).copy_with(userinfo=b"")),
-            connected=follower is not None and follower.is_connected,
-            last_value_at=self._last_value_at,
-            known=len(self._known),
-            trouble="" if follower is None else follower.trouble,
-            lost=0 if follower is None else follower.place.lost,
-        )
-
-    def _take(self, found: Sequence[Found]) -> None:
-        """Remember what holds from now on; without contact nothing is known any more."""
-        if not found:
-            self._known.forget()
-            return
-        if any(one.value is not None for one in found):
-            self._last_value_at = self._context().now()
-        self._known.take({one.name: one.value for one in found})
 
     async def _repeat(self) -> None:
         while True:

@@ -11,13 +11,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from asyncua import Client, ua
 
-from app.connections.connection import PLAIN, TemperatureTable
+from app.connections.follower import Followed, Follower, Found
 from app.connections.opcua_observations import (
     Observed,
     node_of,
@@ -36,9 +35,7 @@ from app.connections.opcua_session import (
     why_refused,
     words_of_failure,
 )
-from app.connections.sparing_log import SparingLog
-from app.errors import ThermapError, counted
-from app.units import TemperatureUnit
+from app.errors import ThermapError
 
 log = logging.getLogger("thermap")
 
@@ -57,42 +54,6 @@ CLOCK_TOLERANCE_S: Final = 5.0
 STILL_S: Final = 12.0
 """A server whose own time stands still for so long does nothing any more [s]."""
 
-SHOWN: Final = 5
-"""Sensors whose trouble is put in words; of the others only how many they are."""
-
-
-@dataclass(frozen=True, slots=True)
-class Followed:
-    """A node that a sensor or a state is read from.
-
-    Parameters
-    ----------
-    node
-        `ns=2;s=NAME`, or `nsu=URI;s=NAME`.
-    temperature
-        How a temperature is written; None: a state, which is taken as it is.
-    """
-
-    node: str
-    temperature: TemperatureTable | None = PLAIN
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What a server says of one that is followed.
-
-    Parameters
-    ----------
-    value
-        [°C] or the state's unit; None if there is none any more.
-    time
-        When its source measured it; None: it holds now.
-    """
-
-    name: str
-    value: float | None
-    time: datetime | None = None
-
 
 class ContactLost(ThermapError):
     """There is no contact with the server; the sentence says why."""
@@ -105,21 +66,18 @@ class SubscriptionDied(ContactLost):
         super().__init__(f"the subscription died, a new one is made: {why}")
 
 
-class ServerFollower:
-    """Follows the nodes of one server, and hands on what it finds.
+class ServerFollower(Follower):
+    """Follows the nodes of one server.
 
     Parameters
     ----------
-    followed
-        Name of the sensor or state to its node.
-    take
-        Takes what was found. An empty list says that contact was lost: what was known is not
-        known any more.
     publishing_s
         How often the server is to say what has changed [s].
     repeated_s
         What has not changed is handed on again after so long, if it holds [s].
     """
+
+    sender = "server"
 
     def __init__(
         self,
@@ -131,26 +89,20 @@ class ServerFollower:
         publishing_s: float,
         repeated_s: float,
     ) -> None:
+        super().__init__(f"OPC UA {access.endpoint}", followed, take)
         self._access = access
-        self._followed = followed
-        self._take = take
         self._now = now
         self._publishing_s = publishing_s
         self._repeated_s = repeated_s
-        self.is_connected = False
         self.died = 0
         """Subscriptions that were given up because they told too little."""
-        self._trouble = ""
-        self._log = SparingLog()
-        self._matters: dict[str, str] = {}
-        self._contradicted: dict[str, str] = {}
         self._forget()
 
     def _forget(self) -> None:
         """Begin anew: of another subscription nothing holds."""
         self._nodes: dict[str, ua.NodeId] = {}
         self._names: dict[int, str] = {}
-        self._units: dict[str, TemperatureUnit] = {}
+        self._units = {}
         self._refused: dict[str, int] = {}
         self._told: dict[str, Observed] = {}
         self._times_told: dict[str, int] = {}
@@ -165,19 +117,9 @@ class ServerFollower:
         self._ended = asyncio.Event()
         self._end_words = ""
 
-    @property
-    def trouble(self) -> str:
-        """What is the matter, of the server first; empty where nothing."""
-        matters = [*self._matters.items(), *self._contradicted.items()]
-        words = [f"{name}: {words}" for name, words in matters]
-        more = len(words) - SHOWN
-        shown = words[:SHOWN] + ([f"and {counted(more, 'other')}"] if more > 0 else [])
-        return "; ".join(([self._trouble] if self._trouble else []) + shown)
-
-    async def run(self) -> None:
-        """Follow until contact is lost."""
+    async def _follow(self) -> None:
         try:
-            await self._follow()
+            await self._subscribe_and_watch()
         except SubscriptionDied:
             self.died += 1
             raise
@@ -186,19 +128,11 @@ class ServerFollower:
             if not self.is_connected:
                 words = await why_refused(self._access, why)
             raise ContactLost(words) from None
-        finally:
-            if self.is_connected:
-                self.is_connected = False
-                self._take([])
 
-    def lost(self, words: str) -> None:
-        """Take note of why there is no contact."""
-        self._say(words)
-
-    async def _follow(self) -> None:
+    async def _subscribe_and_watch(self) -> None:
         self._forget()
         async with session_with(self._access, self._lost) as client:
-            self._matters, self._contradicted = {}, {}
+            self._trouble.forget()
             await self._find(client)
             await self._subscribe(client)
             self.is_connected = True
@@ -208,35 +142,16 @@ class ServerFollower:
         """Find the nodes and their units; what there is not is said, the others are followed."""
         namespaces = await client.get_namespace_array()
         for name, wanted in self._followed.items():
-            node = node_of(wanted.node, namespaces)
+            node = node_of(wanted.source, namespaces)
             if isinstance(node, str):
-                self._say_of(name, node)
+                self._trouble.say_of(name, node)
             else:
                 self._nodes[name] = node
         names = [name for name in self._nodes if self._followed[name].temperature is not None]
         stated = await find_units(client, [self._nodes[name] for name in names])
         for name, units in zip(names, stated, strict=True):
-            self._choose_unit(name, stated_unit(units))
-
-    def _choose_unit(self, name: str, stated: TemperatureUnit | str | None) -> None:
-        """Take the unit as the file has it, or as the server states it."""
-        temperature = self._followed[name].temperature
-        wanted = None if temperature is None else temperature.unit
-        if wanted is not None:
-            self._units[name] = wanted
-            if stated not in (None, wanted):
-                self._contradicted[name] = (
-                    f"expected {wanted} as configured, got {stated} from the server; taken as "
-                    "configured"
-                )
-        elif stated is None or isinstance(stated, TemperatureUnit):
-            self._units[name] = stated or TemperatureUnit.CELSIUS
-        else:
-            del self._nodes[name]
-            self._say_of(
-                name,
-                f"expected a unit of temperature, got {stated!r} from the server: state `unit`",
-            )
+            if not self._choose_unit(name, stated_unit(units)):
+                del self._nodes[name]
 
     async def _subscribe(self, client: Client) -> None:
         session = client.uaclient.session
@@ -284,10 +199,10 @@ class ServerFollower:
     def _note_item(self, name: str, result: ua.MonitoredItemCreateResult) -> None:
         if not result.StatusCode.is_good():
             self._refused[name] = result.StatusCode.value
-            self._say_of(
+            self._trouble.say_of(
                 name,
                 f"expected a node that can be followed, got {status_words(result.StatusCode)} for "
-                f"{self._followed[name].node}",
+                f"{self._followed[name].source}",
             )
             return
         slowest_s = max(0.0, result.RevisedSamplingInterval / 1000.0) + self._publishing_s + 1.0
@@ -322,12 +237,9 @@ class ServerFollower:
 
     def _found(self, name: str, observed: Observed, time: datetime | None) -> Found:
         if observed.value is None:
-            self._say_of(name, observed.words)
+            self._trouble.say_of(name, observed.words)
             return Found(name, None)
-        self._matters.pop(name, None)
-        value, temperature = observed.value, self._followed[name].temperature
-        if temperature is not None:
-            value = temperature.to_c(value, self._units[name])
+        value = self._converted(name, observed.value)
         if time is not None and not self._is_usable(name, time):
             time = None
         return Found(name, value, time)
@@ -338,7 +250,7 @@ class ServerFollower:
             return False
         ahead_s = (time - self._now()).total_seconds()
         if ahead_s > CLOCK_TOLERANCE_S:
-            self._say_of(name, f"its source's clock is {ahead_s:.1f} s ahead; not used")
+            self._trouble.say_of(name, f"its source's clock is {ahead_s:.1f} s ahead; not used")
             return False
         return True
 
@@ -408,7 +320,7 @@ class ServerFollower:
                 self._server_time, self._moved_at = told, _clock()
             elif _clock() - self._moved_at > STILL_S:
                 raise SubscriptionDied("the server's time stands still")
-        self._say(words)
+        self._trouble.say(words)
 
     def _look_at_refused(self, name: str, said: ua.DataValue) -> None:
         """Follow a node anew that is there by now; what else was refused stays so."""
@@ -450,16 +362,6 @@ class ServerFollower:
     def _end(self, words: str) -> None:
         self._end_words = words
         self._ended.set()
-
-    def _say_of(self, name: str, words: str) -> None:
-        if self._matters.get(name) != words:
-            self._log.warn(name, f"OPC UA {self._access.endpoint}: {name}: {words}")
-        self._matters[name] = words
-
-    def _say(self, words: str) -> None:
-        if words and words != self._trouble:
-            log.warning("OPC UA %s: %s", self._access.endpoint, words)
-        self._trouble = words
 
 
 _STATE: Final = ua.NodeId(ua.Int32(ua.ObjectIds.Server_ServerStatus_State))

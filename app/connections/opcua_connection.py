@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from datetime import datetime
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Final
 
 from pydantic import Field
 
 from app.connections.connection import (
-    Connection,
-    ConnectionTable,
-    ShortName,
     Table,
     TemperatureTable,
     each,
 )
+from app.connections.follower import Followed, FollowedTable, FollowingConnection
 from app.connections.intake import TakesValues
 from app.connections.known_values import REPEATED_S, KnownValues
 from app.connections.opcua_security import SecurityTable, UserTable
 from app.services.context import Context
 
 if TYPE_CHECKING:
-    from app.connections.opcua_client import Found, ServerFollower
+    from app.connections.opcua_client import ServerFollower
     from app.connections.opcua_session import Access, Security
 
 log = logging.getLogger("thermap")
@@ -43,13 +40,12 @@ class NodeTable(TemperatureTable, StateNodeTable):
     """A node that is a temperature."""
 
 
-class OpcuaTable(ConnectionTable):
+class OpcuaTable(FollowedTable):
     """One server."""
 
     extra = "opcua"
     library = "asyncua"
 
-    machine: ShortName
     endpoint: Annotated[str, Field(pattern=_ENDPOINT, max_length=500)]
     sensors: Annotated[dict[str, NodeTable], Field(min_length=1, max_length=200), each("node")]
     state: Annotated[dict[str, StateNodeTable], Field(max_length=200), each("node")] = Field(
@@ -77,22 +73,23 @@ class OpcuaTable(ConnectionTable):
             self.security.expect_usable()
 
 
-class ServerConnection:
+class ServerConnection(FollowingConnection):
     """One OPC UA server, whose values become readings of one machine."""
+
+    kind = "opcua"
+    _follower: ServerFollower | None = None
 
     def __init__(
         self, table: OpcuaTable, intake: TakesValues, context: Callable[[], Context]
     ) -> None:
+        known = KnownValues(intake, table.machine, table.sensors, table.state)
+        super().__init__(table, table.endpoint, known, context)
         self._table = table
-        self._context = context
-        self._known = KnownValues(intake, table.machine, table.sensors, table.state)
-        self._last_value_at: datetime | None = None
-        self._follower: ServerFollower | None = None
 
     async def run(self) -> None:
         """Follow the server until contact is lost."""
         # Imported only here: its library is an extra, and takes long.
-        from app.connections.opcua_client import Followed, ServerFollower
+        from app.connections.opcua_client import ServerFollower
 
         table = self._table
         followed = {name: Followed(one.node, one) for name, one in table.sensors.items()}
@@ -113,33 +110,3 @@ class ServerConnection:
                     table.endpoint,
                 )
         await self._follower.run()
-
-    def lost(self, words: str) -> None:
-        """Take note of why there is no contact."""
-        if self._follower is not None:
-            self._follower.lost(words)
-
-    def now(self) -> Connection:
-        """Say how it fares."""
-        follower = self._follower
-        return Connection(
-            name=self._table.name,
-            kind="opcua",
-            machines=(self._table.machine,),
-            endpoint=self._table.endpoint,
-            connected=follower is not None and follower.is_connected,
-            last_value_at=self._last_value_at,
-            known=len(self._known),
-            trouble="" if follower is None else follower.trouble,
-            lost=0,
-        )
-
-    def _take(self, found: Sequence[Found]) -> None:
-        """Remember what holds from now on; without contact nothing is known any more."""
-        if not found:
-            self._known.forget()
-            return
-        if any(one.value is not None for one in found):
-            self._last_value_at = self._context().now()
-        for time in sorted({one.time for one in found}, key=lambda time: (time is None, time)):
-            self._known.take({one.name: one.value for one in found if one.time == time}, time)

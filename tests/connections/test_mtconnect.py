@@ -12,7 +12,8 @@ pytest.importorskip("defusedxml", reason="the extra mtconnect is not installed")
 
 from app.connections import mtconnect_agent
 from app.connections.connection import TemperatureTable
-from app.connections.mtconnect import AgentFollower, Followed
+from app.connections.follower import Followed
+from app.connections.mtconnect import AgentFollower
 from app.connections.mtconnect_agent import Agent, Parts
 from app.connections.mtconnect_documents import (
     AgentRefused,

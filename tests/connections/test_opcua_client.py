@@ -13,7 +13,8 @@ from asyncua import ua
 from app import supervision
 from app.connections import opcua_client, opcua_session
 from app.connections.connection import TemperatureTable
-from app.connections.opcua_client import Followed, Found, ServerFollower
+from app.connections.follower import Followed, Found
+from app.connections.opcua_client import ServerFollower
 from app.connections.opcua_observations import (
     Observed,
     node_of,
@@ -221,8 +222,8 @@ async def test_wrong_nodes_and_units_are_said_and_the_others_followed(server):
         assert seen.known["stated"] == pytest.approx(26.85)
         assert seen.known["swapped"] == 300.0
         # Values may be published before the answer is read that refuses a node.
-        await seen.until(lambda: "gone" in seen.follower._matters)
-        everything = {**seen.follower._matters, **seen.follower._contradicted}
+        await seen.until(lambda: "gone" in seen.follower._trouble.of)
+        everything = {**seen.follower._trouble.of, **seen.follower._trouble.contradicted}
         for name, words in (
             ("gone", "got BadNodeIdUnknown for ns=2;s=Nowhere"),
             ("elsewhere", "expected a namespace of the server, got 'urn:other'"),

@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 
 from app.cli.application import application
 from app.connections.config import read_connections
+from app.connections.follower import Followed
 from app.connections.opcua_certificates import read_certificate
-from app.connections.opcua_client import Followed
 from app.connections.opcua_server import NAMESPACE
 from app.connections.opcua_session import Access, Security, _usable_certificates
 from app.connections.serving_tables import expect_servable

@@ -135,7 +135,8 @@ def test_what_a_node_says_that_is_no_value_is_named():
 
 def test_tenths_of_a_degree_by_opcua():
     pytest.importorskip("asyncua")
-    from app.connections.opcua_client import Followed, ServerFollower
+    from app.connections.follower import Followed
+    from app.connections.opcua_client import ServerFollower
     from app.connections.opcua_observations import Observed
     from app.connections.opcua_session import Access
 
