@@ -404,14 +404,14 @@ curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/analyses/1
 curl -X DELETE http://127.0.0.1:8000/v1/machines/practice/verifications/1
 
 # 201: what stands in a CSV file
-curl -X POST "http://127.0.0.1:8000/v1/machines/practice/verifications/from-file?name=night.csv" \
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/files?name=night.csv" \
      -H "Content-Type: text/csv" \
      -d '     # label: second night
      time,component,position_mm,direction,measured_um
      2026-03-01T12:00:00Z,EXX,250,+,4.31'
 
 # 200: what a map in a CSV file would change
-curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=hot.csv" \
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/files?preview=true&name=hot.csv" \
      -H "Content-Type: text/csv" \
      -d '     # label: hot
      # measured_at: 2026-03-01T12:00:00Z
@@ -429,7 +429,7 @@ curl -X POST "http://127.0.0.1:8000/v1/machines/practice/files?preview=true&name
      2026-03-01T13:00:00Z,EXX,250,+,4.29'
 
 # 200: what the map of an instrument's readings would change; the file does not say when they were read, at which temperatures
-curl -X POST "http://127.0.0.1:8000/v1/machines/practice/error-maps/from-file?preview=true&name=x.csv&method=positioning&axis=x&label=hot&measured_at=2026-03-01T12:00:00Z&temperature=x-middle=28.0&temperature=y-front=27.5" \
+curl -X POST "http://127.0.0.1:8000/v1/machines/practice/files?preview=true&name=x.csv&method=positioning&axis=x&label=hot&measured_at=2026-03-01T12:00:00Z&temperature=x-middle=28.0&temperature=y-front=27.5" \
      -H "Content-Type: text/csv" \
      -d '     target_mm,forward_1_um,forward_2_um
      0,0.0,0.2

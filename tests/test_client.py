@@ -443,7 +443,6 @@ def test_every_route_has_its_method(tmp_path):
         re.sub(r"\{\w+\}", "{}", f"{method.upper()} {path}")
         for path, methods in openapi_document()["paths"].items()
         for method in methods
-        if not path.endswith("/from-file")  # `…/files` is for either
     }
     requests = []
     client = answering(httpx.Response(200, json=[]), requests=requests)

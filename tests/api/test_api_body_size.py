@@ -34,7 +34,7 @@ PATHS = [
 ]
 
 
-FILES = [f"{ROOM}/error-maps/from-file", f"{ROOM}/verifications/from-file"]
+FILES = [f"{ROOM}/files?kind=map", f"{ROOM}/files?kind=check"]
 
 
 @pytest.mark.parametrize("path", FILES)

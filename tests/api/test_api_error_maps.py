@@ -366,7 +366,7 @@ async def test_an_error_that_no_machine_has_is_refused_however_it_comes(client):
     file += "component,position_mm,error_um\nEXX,0,0\nEXX,500,12000\n"
     headers = {"content-type": "text/csv"}
     answer = await client.post(
-        f"{PATH}/from-file", params={"name": "run-9.csv"}, content=file, headers=headers
+        f"{ROOM}/files", params={"name": "run-9.csv"}, content=file, headers=headers
     )
     assert TOO_LARGE in problem(answer, 422)["detail"]
 

@@ -84,10 +84,7 @@ CHECKS = {
 BOTH = {FileKind.MAP: MAPS, FileKind.CHECK: CHECKS}
 FILES = [(kind, name) for kind, files in BOTH.items() for name in files]
 OTHER = {FileKind.MAP: FileKind.CHECK, FileKind.CHECK: FileKind.MAP}
-ROUTES = {
-    FileKind.MAP: f"{ROOM}/error-maps/from-file",
-    FileKind.CHECK: f"{ROOM}/verifications/from-file",
-}
+ROUTE = f"{ROOM}/files"
 
 
 def content_of(kind, name):
@@ -132,8 +129,8 @@ async def test_the_api_and_the_command_line_say_of_which_other_kind_a_file_is(
         content = content.replace(b"measured_at", b"noted")
         if name.endswith("xlsx"):
             pytest.skip("its text is packed")
-    query = {"name": name}
-    answer = await client.post(ROUTES[expected], params=query, content=content, headers=BINARY)
+    query = {"name": name, "kind": expected}
+    answer = await client.post(ROUTE, params=query, content=content, headers=BINARY)
     (said,) = problem(answer, 422)["errors"]
     assert said["field"] == "file"
     assert said["message"].startswith(
@@ -188,9 +185,7 @@ async def test_a_map_that_the_service_answered_is_read_again(client):
     stored = (await client.get(f"{ROOM}/error-maps/1")).json()
 
     async def send(content, **stated):
-        query = {"name": "map.json"} | stated
-        route = ROUTES[FileKind.MAP]
-        return await client.post(route, params=query, content=json.dumps(content), headers=BINARY)
+        return await send_file(client, json.dumps(content), "map.json", kind="map", **stated)
 
     again = await send(stored)
     assert (again.status_code, again.json()["id"]) == (200, 1)
@@ -202,12 +197,9 @@ async def test_a_map_that_the_service_answered_is_read_again(client):
     assert "expected an error map, got a machine" in problem(await send(machine), 422)["detail"]
 
 
-FILE_ROUTE = f"{ROOM}/files"
-
-
 async def send_file(client, content, name, **stated):
     query = {"name": name} | stated
-    return await client.post(FILE_ROUTE, params=query, content=content, headers=BINARY)
+    return await client.post(ROUTE, params=query, content=content, headers=BINARY)
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)

@@ -48,7 +48,7 @@ async def test_a_file_is_shown_before_it_is_stored_and_then_waits(client):
     assert found.status_code == 200, found.text
     assert "Storing this map would lose EXX" in found.text
     assert "Keep as waiting" in found.text
-    route = f"{ROOM}/error-maps/from-file"
+    route = f"{ROOM}/files"
     preview = await client.post(route, params=asked | {"preview": True}, content=SHORT, headers=CSV)
     assert preview.json()["loses"][0]["component"] == "EXX"
     assert (await client.get(f"{ROOM}/error-maps")).json() == before
@@ -78,7 +78,7 @@ async def test_a_stored_map_and_check_are_shown_and_can_be_downloaded(client):
 
 
 async def test_what_is_wrong_in_a_file_is_said_with_line_and_column(client):
-    route = f"{ROOM}/error-maps/from-file"
+    route = f"{ROOM}/files"
     for path in (route, PREVIEW):
         answer = await client.post(
             path,
@@ -121,7 +121,7 @@ BINARY = {"Content-Type": "application/octet-stream"}
 
 
 async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
-    for path in (f"{ROOM}/error-maps/from-file", PREVIEW):
+    for path in (f"{ROOM}/files", PREVIEW):
 
         async def send(path=path, **beside):
             query = {"name": "x.rtl"} | beside
@@ -158,7 +158,7 @@ async def test_an_instruments_file_is_shown_and_stored_as_its_measurement_is(cli
     assert "compare the first value, 0 µm at 0 mm" in shown_before.text
     assert "R_um" in shown_before.text
     before = (await client.get(f"{ROOM}/error-maps")).json()
-    route = f"{ROOM}/error-maps/from-file"
+    route = f"{ROOM}/files"
     preview = await client.post(
         route, params=BESIDE | {"preview": True}, content=RTL, headers=BINARY
     )
@@ -186,7 +186,7 @@ position_mm,linear_um,straightness_y_um
 
 
 async def test_a_table_of_readings_is_read_by_its_method(client):
-    route = f"{ROOM}/error-maps/from-file"
+    route = f"{ROOM}/files"
     query = BESIDE | {"name": "x.csv", "method": "six-dof", "preview": True}
     answer = await client.post(route, params=query, content=SIX_ERRORS, headers=CSV)
     assert answer.status_code == 200, answer.text

@@ -9,11 +9,11 @@ from openpyxl import Workbook
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
 from tests.api.test_api_verifications import PATH, observation, verification
-from tests.service_examples import START, iso, problem
+from tests.service_examples import ROOM, START, iso, problem
 
 pytestmark = pytest.mark.anyio
 
-ROUTE = f"{PATH}/from-file"
+ROUTE = f"{ROOM}/files"
 PREVIEW = "/machines/mcfv5050/files/preview"
 CSV = {"Content-Type": "text/csv"}
 ROWS = [
@@ -24,7 +24,9 @@ NIGHT = "\n".join(",".join(map(str, row)) for row in ROWS) + "\n"
 
 
 async def store(client, content, name="night shift.csv", headers=CSV):
-    return await client.post(ROUTE, params={"name": name}, content=content, headers=headers)
+    return await client.post(
+        ROUTE, params={"name": name, "kind": "check"}, content=content, headers=headers
+    )
 
 
 async def refused(client, content, name="run-9.csv"):

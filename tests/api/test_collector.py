@@ -10,10 +10,10 @@ from dataclasses import replace
 import httpx
 import pytest
 
-from app.api import bodies, collector
+from app.api import bodies, collector, uploads
 from app.api.collector import uncollected
 from app.api.long_bodies import AT_ONCE
-from app.api.routes import map_files, verification_files, verifications
+from app.api.routes import verifications
 from app.api.turns import AT_WORK
 from app.errors import InvalidContent
 from app.services.verifications import store_verification
@@ -103,9 +103,9 @@ def sending_from(app, address):
 @pytest.mark.parametrize(
     ("path", "routes", "read"),
     [
-        (f"{ROOM}/verifications/from-file", verification_files, "read_uploaded_verification"),
-        (f"{ROOM}/error-maps/from-file", map_files, "read_uploaded_map"),
-        ("/machines/mcfv5050/files/preview", map_files, "read_uploaded_map"),
+        (f"{ROOM}/files?kind=check", uploads, "read_uploaded_verification"),
+        (f"{ROOM}/files?kind=map", uploads, "read_uploaded_map"),
+        ("/machines/mcfv5050/files/preview", uploads, "read_uploaded_map"),
     ],
 )
 async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(

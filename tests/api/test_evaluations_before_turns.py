@@ -32,7 +32,7 @@ def as_json(client):
 
 def as_file(client):
     return client.post(
-        f"{ROOM}/error-maps/from-file",
+        f"{ROOM}/files",
         params={
             "name": "x.csv",
             "method": "positioning",

@@ -82,7 +82,7 @@ async def test_a_long_body_has_its_turn_and_a_short_one_needs_none(client, app, 
         assert "long bodies" in problem(answer, 503)["detail"]
         assert answer.headers["Retry-After"] == "5"
         csv = {"content-type": "text/csv"}
-        answer = await client.post(f"{ROOM}/error-maps/from-file", content=b"1", headers=csv)
+        answer = await client.post(f"{ROOM}/files", content=b"1", headers=csv)
         problem(answer, 503)
         assert (await client.post(f"{ROOM}/predictions", json={})).status_code == 422
         assert (await client.post(f"{ROOM}/readings", json=reading(START, 24.0))).status_code == 201

@@ -240,8 +240,8 @@ async def test_no_file_is_answered_with_an_error_of_ours(hostile_inputs, furnish
                     )
                 elif kind == 1:
                     answer = await client.post(
-                        "/v1/machines/mcfv5050/verifications/from-file",
-                        params={"preview": "true", "name": "a.csv"},
+                        "/v1/machines/mcfv5050/files",
+                        params={"preview": "true", "kind": "check", "name": "a.csv"},
                         content=mutated(random_, [VERIFICATION], PIECES),
                         headers={"Content-Type": "text/csv"},
                     )
@@ -249,8 +249,13 @@ async def test_no_file_is_answered_with_an_error_of_ours(hostile_inputs, furnish
                     samples = [MAP] if kind == 2 else [*measurements(), BOTH_WAYS.encode()]
                     method = {} if kind == 2 else {"method": random_.choice(METHODS)}
                     answer = await client.post(
-                        "/v1/machines/mcfv5050/error-maps/from-file",
-                        params={**query, **method, "measured_at": "2026-03-01T06:00:00Z"},
+                        "/v1/machines/mcfv5050/files",
+                        params={
+                            "kind": "map",
+                            **query,
+                            **method,
+                            "measured_at": "2026-03-01T06:00:00Z",
+                        },
                         content=mutated(random_, samples, PIECES),
                         headers={"Content-Type": "text/csv"},
                     )

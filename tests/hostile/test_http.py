@@ -22,7 +22,7 @@ BODY = json.dumps({"temperatures_c": {"x-middle": 21.0, "z-column": 23.0}}).enco
 PATHS = [
     *(b"/", b"/login", b"/healthz", b"/metrics", b"/docs", b"/v1/events", b"/v1/machines", ROOM),
     *(ROOM + b"/" + name for name in (b"readings", b"compensation", b"predictions", b"error-maps")),
-    *(ROOM + b"/" + name for name in (b"error-maps/from-file", b"verifications", b"models/1")),
+    *(ROOM + b"/" + name for name in (b"files", b"verifications", b"models/1")),
 ]
 METHODS = [b"GET", b"POST", b"PUT", b"PATCH", b"DELETE", b"HEAD", b"OPTIONS", b"CONNECT", b"G\x00T"]
 FIELDS = [

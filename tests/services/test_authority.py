@@ -61,7 +61,7 @@ WITH_BODY = {
         *(orjson.dumps([reading(START - timedelta(seconds=s), 25.0) for s in range(9)]), JSON_KIND),
     ),
     "map": ("POST", f"{ROOM}/error-maps", orjson.dumps(error_map("Run #9", 40.0)), JSON_KIND),
-    "file": ("POST", f"{ROOM}/error-maps/from-file", CSV, CSV_KIND),
+    "file": ("POST", f"{ROOM}/files", CSV, CSV_KIND),
     "machine": ("PATCH", ROOM, b'{"name": "Mine"}', JSON_KIND),
     "new machine": (
         *("POST", "/v1/machines", orjson.dumps(MACHINE | {"id": "mine"})),

@@ -196,13 +196,13 @@ async function takeReading() {
 }
 
 async function store(path, acceptLosses) {
-  const losses = path === "error-maps" ? `&accept_losses=${acceptLosses}` : "";
-  const answer = await ask(t("%(file)s was not stored.", { file: chosen.name }), `${api}/${path}/from-file?${chosen.stated}${losses}`, content());
+  const isMap = path === "error-maps";
+  const kind = isMap ? `map&accept_losses=${acceptLosses}` : "check";
+  const answer = await ask(t("%(file)s was not stored.", { file: chosen.name }), `${api}/files?${chosen.stated}&kind=${kind}`, content());
   if (!answer) return;
   const stored = await answer.json();
   override.hidden = true;
   chosen = null;
-  const isMap = path === "error-maps";
   const { label } = stored;
   let title = t("Check ‘%(label)s’ is stored.", { label });
   if (isMap) title = t("Map ‘%(label)s’ is stored.", { label });
