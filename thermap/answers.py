@@ -1193,6 +1193,36 @@ class LinesAnswer(Shape):
     """ELSv/ELv, the chapter's M1; null where ELv is 0"""
 
 
+class MachineStateAnswer(Shape):
+    """A thermal state, as it is reached and recognised in the shop."""
+
+    name: Literal["cold", "part-warm", "warm", "while-warming", "while-cooling"]
+    """`cold`, `part-warm` or `warm`: the temperatures hardly change; `while-warming`, `while-
+    cooling`: measured again and again while they do
+    """
+
+    conditions: str
+    """Temperatures and states by which it is recognised, rounded to what can be set"""
+
+    target_c: dict[str, float]
+    """The temperatures in it, of the sensors that matter, in whole or half kelvins [°C]"""
+
+    reached: str
+    """How to reach it"""
+
+    wait: str
+    """How long to wait before the first reading"""
+
+    wait_min: float | None
+    """The same [min]; null where it is not known"""
+
+    rounds: int
+    """How often the points are measured"""
+
+    every_min: float | None
+    """From the beginning of a round to the next [min]; null for one round"""
+
+
 class MeasuredObservation(Shape):
     """
     What an instrument read once: of one component, or at a point of the work volume.
@@ -1970,25 +2000,6 @@ class StrongVisitAnswer(Shape):
 
     time: AwareDatetime
     """When it began, UTC"""
-
-
-class SuggestionAnswer(Shape):
-    """A visit to add."""
-
-    sentence: str
-    """What to add, and what it improves"""
-
-    like_time: AwareDatetime
-    """When the machine was last recorded in such conditions, UTC"""
-
-    temperatures_c: dict[str, float]
-    """The sensors' temperatures at that time [°C]"""
-
-    states: dict[str, float]
-    """The machine's state at that time"""
-
-    helped: list[HelpedAnswer]
-    """The effects whose smallest visible size falls most"""
 
 
 class SummaryAnswer(Shape):
@@ -3425,10 +3436,19 @@ class NeededAnswer(Shape):
 
 
 class NextVisitAnswer(Shape):
-    """The most informative visit to make next."""
+    """A visit to make next."""
 
     sentence: str
-    """What to measure, when, and what for"""
+    """All of it: state, how to reach it, how long to wait, which points, and what it decides"""
+
+    state: MachineStateAnswer
+    """The state of the machine"""
+
+    points: str
+    """Which points, in words"""
+
+    decides: str
+    """What it decides"""
 
     like_time: AwareDatetime
     """When the machine was last recorded in such conditions, UTC"""
@@ -3686,6 +3706,16 @@ class StoredVerificationAnswer(VerificationAnswer):
     """What may be a mistake in it, and what the active model cannot be compared with, and why"""
 
 
+class SuggestionAnswer(Shape):
+    """A visit to add."""
+
+    visit: NextVisitAnswer
+    """What to do, and what it improves"""
+
+    helped: list[HelpedAnswer]
+    """The effects whose smallest visible size falls most"""
+
+
 class VolumetricErrorAnswer(AnswerHead):
     """The errors at the points, in their order."""
 
@@ -3818,8 +3848,10 @@ class AnalysisResult(Shape):
     floor_unknown: str | None
     """Why there is no floor; null where there is one"""
 
-    next_visit: NextVisitAnswer | None
-    """The most informative visit to make next; null where none can be proposed"""
+    next_visits: list[NextVisitAnswer]
+    """Visits that would settle what is open, in the order of a working day; empty where none can be
+    proposed, and in older results
+    """
 
     far_values: list[FarValueAnswer]
     """Values left out because they are far from the others, the furthest first, 200 at most; empty

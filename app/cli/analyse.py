@@ -21,15 +21,15 @@ from app.cli.console import console
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
-    NextVisitOption,
     ReportOption,
     UrlOption,
+    VisitsOption,
     chosen_verifications,
     connect,
     expect_page,
     write_file,
 )
-from app.cli.planned_visit import write_next_visit
+from app.cli.planned_visits import write_visits
 from app.cli.terminal import echo, write_document
 from app.errors import ThermapError, list_names
 from app.geometry.components import ORDER
@@ -139,7 +139,7 @@ def analyse(
         ),
     ] = False,
     output: ReportOption = None,
-    next_visit: NextVisitOption = None,
+    visits: VisitsOption = None,
     json: Annotated[
         bool, typer.Option("--json", envvar="THERMAP_JSON", help="Write the service's JSON.")
     ] = False,
@@ -149,8 +149,8 @@ def analyse(
 
     Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
     """
-    _check_usage(output, next_visit, plan=plan, adopt=adopt)
-    _check_fleet(machine, verification, next_visit, is_fleet=fleet, changes=plan or adopt)
+    _check_usage(output, visits, plan=plan, adopt=adopt)
+    _check_fleet(machine, verification, visits, is_fleet=fleet, changes=plan or adopt)
     _check_cancel(output, cancels=cancel, is_fleet=fleet, json=json)
     if cancel:
         with connect(url) as thermap:
@@ -192,8 +192,8 @@ def analyse(
         if output is not None:
             write_file(output, thermap.analysis_report(machine, job.id))
             echo(f"{output}: the report of analysis {job.id}", err=True)
-        if next_visit is not None:
-            write_next_visit(next_visit, machine, result.next_visit)
+        if visits is not None:
+            write_visits(visits, machine, result.next_visits)
 
 
 def _result(content: bytes) -> Analysis:
@@ -219,14 +219,14 @@ def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None
         raise
 
 
-def _check_usage(output: Path | None, next_visit: Path | None, *, plan: bool, adopt: bool) -> None:
+def _check_usage(output: Path | None, visits: Path | None, *, plan: bool, adopt: bool) -> None:
     """Refuse before the work what would be refused after it."""
     if output is not None:
         expect_page(output)
-    if plan and (adopt or output is not None or next_visit is not None):
+    if plan and (adopt or output is not None or visits is not None):
         raise typer.BadParameter(
-            "a plan has no report, no next visit and nothing to adopt: leave out --adopt, "
-            "--output and --next-visit",
+            "a plan has no report, no visits and nothing to adopt: leave out --adopt, "
+            "--output and --visits",
             param_hint="--plan",
         )
 
@@ -234,7 +234,7 @@ def _check_usage(output: Path | None, next_visit: Path | None, *, plan: bool, ad
 def _check_fleet(
     machine: str,
     verification: Sequence[Path] | None,
-    next_visit: Path | None,
+    visits: Path | None,
     *,
     is_fleet: bool,
     changes: bool,
@@ -244,10 +244,10 @@ def _check_fleet(
         raise typer.BadParameter(
             "expected a machine's id, or --fleet for all of them, got none", param_hint="MACHINE"
         )
-    if is_fleet and (machine or verification or next_visit is not None or changes):
+    if is_fleet and (machine or verification or visits is not None or changes):
         raise typer.BadParameter(
             "a fleet is judged by what is stored, and nothing is adopted: leave out MACHINE (and "
-            "THERMAP_MACHINE), --verification, --next-visit, --plan and --adopt",
+            "THERMAP_MACHINE), --verification, --visits, --plan and --adopt",
             param_hint="--fleet",
         )
 

@@ -183,7 +183,7 @@ def plan_view(plan: Plan) -> RenderableType:
     parts += [Text(f"note: {note}") for note in plan.notes]
     if plan.suggestions:
         parts.append(Text("visits to add:", style="bold"))
-    parts += [Padding(Text(s.sentence), (0, 0, 0, 2)) for s in plan.suggestions]
+    parts += [Padding(Text(s.visit.sentence), (0, 0, 0, 2)) for s in plan.suggestions]
     return Group(*parts)
 
 

@@ -91,13 +91,13 @@ ReportOption = Annotated[
         help="Write the report, a page that needs no internet.",
     ),
 ]
-NextVisitOption = Annotated[
+VisitsOption = Annotated[
     Path | None,
     typer.Option(
-        "--next-visit",
-        envvar="THERMAP_NEXT_VISIT",
-        metavar="FILE.csv",
-        help="Write the most informative next visit, for --plan and for measuring.",
+        "--visits",
+        envvar="THERMAP_VISITS",
+        metavar="FOLDER",
+        help="Write the visits to make next, a file each, for measuring and for --plan.",
     ),
 ]
 SeedOption = Annotated[

@@ -282,17 +282,28 @@ def report_analysis(
         row = find_analysis(session, machine_id, analysis_id, result=True)
         if row.result is None or row.finished_at is None:
             raise Conflict(f"analysis {analysis_id} has nothing to report: it is {row.status}")
-        labels = {v.id: v.label for v in list_verifications(session, machine_id)}
+        stored = {v.id: v for v in list_verifications(session, machine_id)}
+        there = [stored[i] for i in row.verification_ids if i in stored]
         result = RESULTS.read_text(row.result)
         head = ReportHead(
             machine_id=machine.id,
             machine_name=machine.name,
             chain=machine.chain.text,
             model_version=row.model_version,
-            verifications=[labels.get(i, f"number {i}, deleted") for i in row.verification_ids],
+            verifications=[
+                stored[i].label if i in stored else f"number {i}, deleted"
+                for i in row.verification_ids
+            ],
             analysed_at=row.finished_at,
             seed=row.seed,
             adopted_version=row.adopted_version,
+            analysis_id=row.id,
+            serial_number=machine.serial_number,
+            instruments=list(dict.fromkeys(v.instrument for v in there if v.instrument)),
+            operators=list(dict.fromkeys(v.operator for v in there if v.operator)),
+            measured=(
+                (min(v.first_at for v in there), max(v.last_at for v in there)) if there else None
+            ),
             had=[explain(e) for e in _effects_of(session, machine_id, row.model_version)],
             adopted=_adopted(session, machine_id, row.adopted_version, result.effects),
         )

@@ -23,6 +23,10 @@ class ReportHead:
         Of its draws: the same seed gives the same answer.
     adopted_version
         The model version that its effects made; None where none was adopted.
+    instruments, operators
+        That the verifications name.
+    measured
+        When their first and their last value were; None where all are deleted.
     had, adopted
         The effects that the analysed version had already, and those of this analysis that
         were adopted: a sentence each.
@@ -36,5 +40,10 @@ class ReportHead:
     analysed_at: datetime
     seed: int
     adopted_version: int | None = None
+    analysis_id: int = 0
+    serial_number: str | None = None
+    instruments: Sequence[str] = ()
+    operators: Sequence[str] = ()
+    measured: tuple[datetime, datetime] | None = None
     had: Sequence[str] = ()
     adopted: Sequence[str] = ()

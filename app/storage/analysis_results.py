@@ -56,12 +56,19 @@ def _from_2(stored: Fields) -> Fields:
     return {"refitted": [], **stored, "effects": effects, "components": components}
 
 
+def _from_3(stored: Fields) -> Fields:
+    """Leave out a next visit that nobody could carry out; its sentence is in `what_next`."""
+    return {name: value for name, value in stored.items() if name != "next_visit"}
+
+
 def _of_setups(component: Fields) -> float | None:
     floor, noise = component["floor"], component["noise"]
     return None if floor is None else sqrt(max(floor**2 - noise**2, 0.0))
 
 
-RESULTS: Final = StoredShape(Analysis, "a result of an analysis", [_from_0, _from_1, _from_2])
+RESULTS: Final = StoredShape(
+    Analysis, "a result of an analysis", [_from_0, _from_1, _from_2, _from_3]
+)
 
 
 def confirmed_effects(result: str) -> list[str]:

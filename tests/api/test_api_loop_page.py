@@ -3,16 +3,18 @@
 import json
 import re
 from datetime import timedelta
+from pathlib import Path
 
 import pytest
 
+from app.api.files.csv_verification import parse_csv_verification
 from app.pages.report_parts.words import sentence
 from app.storage.analyses import begin_analysis, fail_analysis, finish_analysis, insert_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.records import AnalysisTask
 from tests.api.test_api_dashboard import EVIL, Texts, shown
 from tests.effect_examples import OUTDATED
-from tests.pages.example_analyses import ALL, BACKLASH, LAG, NOTHING, rival
+from tests.pages.example_analyses import ALL, BACKLASH, LAG, NOTHING, VISITS, rival
 from tests.service_examples import ROOM, START, iso, problem, reading
 
 pytestmark = pytest.mark.anyio
@@ -129,13 +131,35 @@ async def test_every_result_is_shown_with_its_decision(client, app, which):
     assert not re.search(r'<div class="stack">\s*</div>', answer.text), "a column without content"
 
 
-async def test_what_to_measure_next_is_listed_once(client, app):
-    said = "Measure EXX with x-middle warm."
-    planned = {"label": "next", "datum": "absolute", "repeatability_um": None, "observations": []}
-    visit = {"sentence": said, "like_time": "2026-03-01T06:00:00Z"}
-    visit |= {"temperatures_c": {"x-middle": 24.0}, "states": {}, "planned": planned}
-    done(app, ALL["found"] | {"what_next": [said], "next_visit": visit})
-    assert (await client.get(PAGE)).text.count(f"<li>{said}</li>") == 1
+async def test_visits_to_make_are_a_list_to_print_and_files(client, app):
+    number = done(app, ALL["found"] | {"next_visits": VISITS})
+    page = await shown(client, PAGE)
+    printed = f"{ROOM}/analyses/{number}/visits"
+    assert printed in page.addresses
+    assert "Print the list: 3 visits" in page.text
+    listed = Texts((await client.get(printed)).text)
+    assert f"/machines/mcfv5050/loop?analysis={number}" in listed.addresses
+    assert "2. While warming: spindle above 31 °C while z-column about 24 °C" in listed.text
+    assert "every 20 min, 7 times" in listed.text
+    assert "120 min" in listed.text, "a line for each round"
+    assert "450" in listed.text, "a field for each position"
+    assert "thermap program visit mcfv5050 visit-3.csv -c CONTROLLER" in listed.text
+    file = await client.get(f"{printed}/3")
+    assert file.headers["content-type"].startswith("text/csv")
+    read = parse_csv_verification({"": file.text}, Path("visit-3.csv"), is_planned=True)
+    assert (read.body["label"], len(read.body["observations"])) == ("visit 3, warm", 22)
+    missing = problem(await client.get(f"{printed}/4"), 404)
+    assert missing["detail"].endswith("proposes 3 visits, and no visit 4")
+
+
+async def test_an_analysis_of_before_has_no_list(client, app):
+    """Its next visit said by how many hundredths of a kelvin sensors were to come apart."""
+    old = json.loads(RESULTS.text(RESULTS.read_text(json.dumps(ALL["found"]))))
+    assert old.pop("next_visits") == []
+    number = done(app, old | {"shape": 3, "next_visit": {"sentence": "by 0.011 K"}})
+    assert "Print the list" not in (await shown(client, PAGE)).text
+    listed = await client.get(f"{ROOM}/analyses/{number}/visits")
+    assert "proposes no visit" in listed.text
 
 
 @pytest.mark.parametrize("verdict", ["nothing-found", "not-judged"])

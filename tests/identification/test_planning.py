@@ -75,11 +75,13 @@ def test_a_sensor_that_reads_in_coarse_steps_lets_less_be_seen(planned):
 
 def test_a_visit_to_add_is_suggested_and_helps(planned):
     for suggestion in planned.suggestions:
-        assert suggestion.sentence.startswith("One more visit with ")
+        visit = suggestion.visit
+        assert visit.decides.startswith("lowers the smallest ")
+        assert visit.sentence.endswith(f" It {visit.decides}.")
         assert all(h.after_rms < h.before_rms for h in suggestion.helped)
-        assert suggestion.temperatures_c
-        assert (suggestion.like_time.year, suggestion.like_time.month) == (2026, 3)
-        assert suggestion.like_time.utcoffset() == timedelta(0)
+        assert visit.temperatures_c
+        assert (visit.like_time.year, visit.like_time.month) == (2026, 3)
+        assert visit.like_time.utcoffset() == timedelta(0)
     assert planned.suggestions
 
 
@@ -91,7 +93,7 @@ def test_a_sensor_that_never_changes_decides_nothing(steady_c):
     steady = TemperatureHistory(history.times_s, read)
     added = choose_added_visits(campaign_of(observations(visits_a_day=2), readings=steady))
     assert added
-    assert all("spindle" not in one.words for one in added)
+    assert all("spindle" not in one.leading for one in added)
 
 
 def test_it_can_be_stored(planned):

@@ -381,3 +381,49 @@ MOVED = FOUND | {
 """Another sensor is proposed for one component of three."""
 
 ALL = {"nothing": NOTHING, "found": FOUND, "unexplained": UNEXPLAINED, "moved": MOVED}
+
+
+def _place(second, position_mm, direction):
+    return {
+        "time": f"2026-03-04T14:{second // 60:02d}:{second % 60:02d}Z",
+        "component": "EZZ",
+        "position_mm": position_mm,
+        "point_mm": None,
+        "tool_offset_mm": [0.0, 0.0, 0.0],
+        "direction": {"z": direction},
+    }
+
+
+def visit(number, name, **state):
+    """A visit of an analysis' list."""
+    usual = {
+        "name": name,
+        "conditions": "spindle above 31 °C while z-column about 24 °C",
+        "target_c": {"spindle": 31.0, "z-column": 24.0},
+        "reached": "after about 2 h of work (as recorded then, on average: spindle_rpm 6000)",
+        "wait": "go on so for 80 min, three of the time constants in question (25 min)",
+        "wait_min": 80.0,
+        "rounds": 1,
+        "every_min": None,
+    }
+    there = [_place(20 * i, 50.0 * (i % 10), "+" if i < 10 else "-") for i in range(20)]
+    there += [_place(400 + 20 * i, 0.0, "+") for i in range(2)]
+    planned = {"label": f"visit {number}, {name}", "datum": "first", "repeatability_um": 0.5}
+    return {
+        "sentence": f"{name}: after about 2 h of work. Measure EZZ. It tells a lag from a drift.",
+        "state": usual | state,
+        "points": "EZZ at 10 places from 0 to 450 mm, from both sides, the first place twice more "
+        "at the end",
+        "decides": "tells thermal-lag of EZZ with spindle from sensor-gradient",
+        "like_time": "2026-03-04T14:00:00Z",
+        "temperatures_c": {"spindle": 31.2, "z-column": 24.1},
+        "states": {"spindle_rpm": 6000.0},
+        "planned": planned | {"observations": there},
+    }
+
+
+VISITS = [
+    visit(1, "cold", wait_min=0.0),
+    visit(2, "while-warming", rounds=7, every_min=20.0),
+    visit(3, "warm"),
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ import numpy as np
 from app.csv_text import csv_line, no_formula
 from app.effects.observations import Observation, Verification
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
+from app.identification.plan.visit import NextVisit, PlannedPlace
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
 
@@ -112,6 +113,43 @@ def check_template(machine: Machine, codes: Iterable[str]) -> str:
         ways = ways if component.is_table else [("", "")]
         lines += [csv_line(["", component.code, at, way, ""]) for way, at in ways]
     return "".join(lines)
+
+
+def csv_of_visit(machine_id: str, visit: NextVisit) -> str:
+    """Write a proposed visit, as planning and `thermap program visit` read it."""
+    planned = visit.planned
+    head = [f"label: {planned.label}", f"machine: {machine_id}", f"datum: {planned.datum}"]
+    if planned.repeatability_um is not None:
+        head.append(f"repeatability_um: {planned.repeatability_um!r}")
+    # A sentence without a colon is read by people alone.
+    head.append(visit.sentence.replace(":", ";"))
+    rows = [_planned_cells(o) for o in planned.observations]
+    used = sorted({name for row in rows for name in row}, key=_column_order)
+    lines = [f"# {no_formula(line)}\n" for line in head]
+    lines.append(csv_line(used))
+    lines += [csv_line(row.get(column, "") for column in used) for row in rows]
+    return "".join(lines)
+
+
+def _planned_cells(place: PlannedPlace) -> Mapping[str, Any]:
+    directions = place.direction or {}
+    if place.component is not None or place.point_mm is None:
+        cells: dict[str, Any] = {"time": place.time, "component": place.component}
+        if place.position_mm is not None:
+            cells["position_mm"] = place.position_mm
+        for sign in directions.values():  # that of its own axis, or one of all
+            cells["direction"] = sign
+        return cells
+    return {
+        "time": place.time,
+        **_of_axes("point_{}_mm", place.point_mm),
+        **_of_axes("tool_{}_mm", place.tool_offset_mm),
+        **{f"direction_{axis}": sign for axis, sign in directions.items()},
+    }
+
+
+def _of_axes(name: str, values: Sequence[float]) -> dict[str, float]:
+    return {name.format(a): v for a, v in zip(LINEAR_LETTERS, values, strict=True)}
 
 
 def _components(codes: Iterable[str]) -> list[Component]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from urllib.parse import quote
+
 import orjson
 from fastapi import Response
 from fastapi.responses import HTMLResponse
@@ -31,7 +33,7 @@ from app.api.schemas.analyses import (
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
 from app.identification.plan.plan import Plan
-from app.pages.analysis_report import analysis_report
+from app.pages.analysis_report import analysis_report, visits_page
 from app.services.adopt_analysis import adopt_analysis, preview_adoption
 from app.services.analyses import (
     cancel_analysis,
@@ -101,7 +103,22 @@ def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: Analysi
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)
 def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
     """Show what was found as a page for people to read; it needs no other file, and prints."""
-    return Page(analysis_report(*report_analysis(context, machine, analysis_id)), scripts=2)
+    head, result = report_analysis(context, machine, analysis_id)
+    return Page(analysis_report(head, result, back=_loop(machine, analysis_id)), scripts=2)
+
+
+@router.get(
+    "/{analysis_id}/visits", summary="Visits to make, as a list", response_class=HTMLResponse
+)
+def get_visits(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
+    """Show the visits that would settle what is open as a page to print and to write on."""
+    head, result = report_analysis(context, machine, analysis_id)
+    return Page(visits_page(head, result.next_visits, back=_loop(machine, analysis_id)), scripts=2)
+
+
+def _loop(machine: str, analysis_id: int) -> str:
+    """Give the address of the page from which an analysis is opened."""
+    return f"/machines/{quote(machine)}/loop?analysis={analysis_id}"
 
 
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")

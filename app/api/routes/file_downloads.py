@@ -5,15 +5,29 @@ from __future__ import annotations
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from fastapi import Query, Response
+from fastapi import Path, Query, Response
 
 from app.api.bodies import BodyRoute
-from app.api.dependencies import ContextDep, MachinePath, MapPath, VerificationPath
-from app.api.files.csv_writing import check_template, csv_of_check, csv_of_map, map_template
+from app.api.dependencies import (
+    AnalysisPath,
+    ContextDep,
+    MachinePath,
+    MapPath,
+    VerificationPath,
+)
+from app.api.files.csv_writing import (
+    check_template,
+    csv_of_check,
+    csv_of_map,
+    csv_of_visit,
+    map_template,
+)
 from app.api.files.file_kind import FileKind
 from app.api.media_types import CSV
 from app.api.router import Router
+from app.errors import UnknownThing, counted
 from app.geometry.needed_components import needed_components
+from app.services.analyses import report_analysis
 from app.services.machines import show_error_map, show_error_maps, show_machine
 from app.services.verifications import show_verification
 
@@ -53,6 +67,27 @@ def get_verification_file(
     """Write a verification as the file that `…/files` reads."""
     _, check = show_verification(context, machine, verification_id)
     return _file(csv_of_check(machine, check), check.label)
+
+
+@router.get(
+    "/analyses/{analysis_id}/visits/{number}",
+    summary="Download a visit to make as CSV",
+    tags=["closing the loop"],
+    response_class=Response,
+    responses=_FILE,
+)
+def get_visit_file(
+    context: ContextDep,
+    machine: MachinePath,
+    analysis_id: AnalysisPath,
+    number: Annotated[int, Path(description="The visit's place on the list, from 1", examples=[1])],
+) -> Response:
+    """Write a visit as the file that planning and `thermap program visit` read."""
+    _, result = report_analysis(context, machine, analysis_id)
+    if not 0 < number <= len(result.next_visits):
+        proposed = counted(len(result.next_visits), "visit")
+        raise UnknownThing(f"analysis {analysis_id} proposes {proposed}, and no visit {number}")
+    return _file(csv_of_visit(machine, result.next_visits[number - 1]), f"visit-{number}")
 
 
 @router.get(

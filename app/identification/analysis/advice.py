@@ -13,7 +13,7 @@ from app.errors import capitalised, counted, list_names
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
 from app.identification.analysis.figures import ComponentFigures, Figures
-from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
+from app.identification.analysis.found_effect import Alternative, FoundEffect, RefittedEffect
 from app.identification.analysis.shown_by_few import hours_of_day
 from app.identification.residuals.residuals import BEYOND_THE_MAPS, LeftOut
 from app.search.findings import Status
@@ -300,6 +300,12 @@ def from_rival(effect: Named, rival: Named, number: int | None = None) -> str:
     return f"{effect.kind} of {_what(effect)}{which} from that of {_what(rival)}"
 
 
+def separating_step(effect: Named, rival: Alternative) -> str:
+    """Say which measurement tells an effect from a rival."""
+    step = capitalised(rival.separating_measurement or "")
+    return f"{step} (this separates {from_rival(effect, rival)})."
+
+
 def _what(named: Named) -> str:
     """Say what an effect acts on, in which map, and what drives it."""
     label = kind_of(named.kind).which_map(named.variant)
@@ -312,7 +318,7 @@ def _what(named: Named) -> str:
 def _of_effect(effect: FoundEffect, which: str) -> list[str]:
     """Say what to do about one effect."""
     found = [
-        f"{capitalised(a.separating_measurement)} (this separates {from_rival(effect.effect, a)})."
+        separating_step(effect, a)
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
     ]

@@ -44,7 +44,7 @@ from app.identification.analysis.found_effects import (
 )
 from app.identification.analysis.generic_candidates import generic_candidates, words_of
 from app.identification.analysis.held_out_visits import is_refit_better, maps_that_harm
-from app.identification.analysis.next_visit import propose_visit
+from app.identification.analysis.next_visits import propose_visits
 from app.identification.analysis.not_judged import (
     judged_channels,
     not_judged,
@@ -342,18 +342,19 @@ def _with_next_steps(
     """Add what sensors and zeros leave in doubt, and what to measure next."""
     doubted = doubts(campaign.model, campaign.readings)
     misstated = zeroed(campaign.verifications, residuals.rows.verifications)
-    upcoming = propose_visit(campaign, answer.effects, answer.unexplained)
+    proposed = propose_visits(campaign, answer.effects, answer.unexplained)
     steps = [
         *mistakes_first(answer.effects),
         *to_state(misstated),
         *comparisons(doubted),
-        *(() if upcoming is None else (upcoming.sentence,)),
-        *answer.what_next,
+        *(visit.sentence for visit in proposed.visits),
+        *proposed.untellable,
+        *(step for step in answer.what_next if step not in proposed.replaced),
     ]
     return replace(
         answer,
         not_testable=(*misstated, *doubted, *read_inexactly(inexact), *answer.not_testable),
-        next_visit=upcoming,
+        next_visits=proposed.visits,
         what_next=tuple(dict.fromkeys(steps)),
     )
 

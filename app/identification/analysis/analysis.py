@@ -6,9 +6,8 @@ The OpenAPI document, stored results, the report and the terminal read these def
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field
@@ -20,6 +19,7 @@ from app.identification.analysis.far_values import FarValue
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.found_effect import FoundEffect, RefittedEffect
 from app.identification.analysis.plots import Plots
+from app.identification.plan.visit import NextVisit
 from app.identification.residuals.residuals import LeftOut
 from app.units import Unit
 
@@ -130,66 +130,6 @@ class SmallestSeen(Answer, published_as="SmallestSeenAnswer"):
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedPlace(Answer, published_as="PlannedPlaceAnswer"):
-    """One observation to be made, in the form that planning takes."""
-
-    time: str
-    """Time, at a recorded moment with the wanted conditions, UTC"""
-
-    component: str | None
-    """Component code; null at a point"""
-
-    position_mm: float | None
-    """Position on its axis [mm]"""
-
-    point_mm: tuple[float, float, float] | None
-    """Nominal point x, y, z [mm]; null of a component"""
-
-    tool_offset_mm: tuple[float, float, float]
-    """Tool offset X, Y, Z [mm]"""
-
-    direction: Mapping[str, Literal["+", "-"]] | None
-    """Direction of approach of each axis"""
-
-
-@dataclass(frozen=True, slots=True)
-class PlannedVisit(Answer, published_as="PlannedVisitAnswer"):
-    """A visit to be made, as one of the `planned` visits of a plan."""
-
-    label: str
-    """Its name in the plan"""
-
-    datum: str
-    """`absolute`, `first` or `free`, as in the visits before"""
-
-    repeatability_um: float | None
-    """Standard deviation of one length, where it is known [µm]"""
-
-    observations: tuple[PlannedPlace, ...]
-    """In the order of measurement"""
-
-
-@dataclass(frozen=True, slots=True)
-class NextVisit(Answer, published_as="NextVisitAnswer"):
-    """The most informative visit to make next."""
-
-    sentence: str
-    """What to measure, when, and what for"""
-
-    like_time: datetime
-    """When the machine was last recorded in such conditions, UTC"""
-
-    temperatures_c: Mapping[str, float]
-    """The sensors' temperatures at that time [°C]"""
-
-    states: Mapping[str, float]
-    """The machine's state at that time"""
-
-    planned: PlannedVisit
-    """What to send to planning"""
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Analysis(Answer, published_as="AnalysisResult"):
     """What an analysis found; `plots` are the arrays of its report."""
@@ -262,8 +202,9 @@ class Analysis(Answer, published_as="AnalysisResult"):
     floor_unknown: str | None = None
     """Why there is no floor; null where there is one"""
 
-    next_visit: NextVisit | None = None
-    """The most informative visit to make next; null where none can be proposed"""
+    next_visits: tuple[NextVisit, ...] = ()
+    """Visits that would settle what is open, in the order of a working day; empty where none can be
+    proposed, and in older results"""
 
     far_values: tuple[FarValue, ...] = ()
     """Values left out because they are far from the others, the furthest first, 200 at most; empty

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -29,14 +29,12 @@ STANDS_OUT: Final = 0.7
 class AddedVisit:
     """A planned visit again, at another moment of the record.
 
-    `words` say how the machine was then; `temperatures_c` and `states` in figures.
+    `leading` names the sensors and states that stand out then, the furthest first.
     """
 
     visit: Verification
     time_s: float
-    words: str
-    temperatures_c: Mapping[str, float]
-    states: Mapping[str, float]
+    leading: Sequence[str]
 
 
 def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
@@ -136,22 +134,6 @@ def _added(
     time_s = float(there.times_s[row])
     moved = [replace(o, time_s=o.time_s + time_s) for o in template.observations]
     visit = replace(template, label=f"added visit {number + 1}", observations=moved)
-    return AddedVisit(
-        visit,
-        time_s,
-        _words(there, names, features[row]),
-        {n: float(t[row]) for n, t in there.temperatures_c.items() if not np.isnan(t[row])},
-        {n: float(x[row]) for n, x in there.states.items() if not np.isnan(x[row])},
-    )
-
-
-def _words(there: Conditions, names: list[str], feature: FloatArray) -> str:
-    """Name what stands out most: `spindle warm, x-middle cold`."""
-    order = sorted(range(len(names)), key=lambda i: -abs(feature[i]))
-    parts = []
-    for i in order[:3]:
-        if abs(feature[i]) > STANDS_OUT:
-            is_sensor = names[i] in there.temperatures_c
-            high, low = ("warm", "cold") if is_sensor else ("high", "low")
-            parts.append(f"{names[i]} {high if feature[i] > 0 else low}")
-    return ", ".join(parts) or "conditions as planned"
+    order = np.argsort(-np.abs(features[row]))
+    leading = [names[i] for i in order if abs(features[row, i]) > STANDS_OUT]
+    return AddedVisit(visit, time_s, leading or [names[i] for i in order[:1]])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated
 
 from pydantic import Field
@@ -12,6 +10,7 @@ from pydantic import Field
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.effects.claim import AnsweredClaim
 from app.effects.kind import NotTested
+from app.identification.plan.visit import NextVisit
 from app.identification.residuals.residuals import LeftOut
 
 
@@ -71,17 +70,8 @@ class ImprovedEffect(AnsweredClaim, published_as="HelpedAnswer"):
 class Suggestion(Answer, published_as="SuggestionAnswer"):
     """A visit to add."""
 
-    sentence: str
-    """What to add, and what it improves"""
-
-    like_time: datetime
-    """When the machine was last recorded in such conditions, UTC"""
-
-    temperatures_c: Mapping[str, float]
-    """The sensors' temperatures at that time [°C]"""
-
-    states: Mapping[str, float]
-    """The machine's state at that time"""
+    visit: NextVisit
+    """What to do, and what it improves"""
 
     helped: tuple[ImprovedEffect, ...]
     """The effects whose smallest visible size falls most"""

@@ -26,6 +26,8 @@ from app.identification.campaign import Campaign, residuals_of
 from app.identification.doubted_sensors import trusted_readings
 from app.identification.observed_scatter import observed_scatter
 from app.identification.plan.added_visits import AddedVisit, choose_added_visits
+from app.identification.plan.described_visit import visit_at
+from app.identification.plan.machine_state import SensorRange, sensor_ranges, state_at
 from app.identification.plan.plan import (
     ImprovedEffect,
     Plan,
@@ -44,7 +46,7 @@ from app.search.library import Library, read_library
 from app.search.problem import Problem, make_problem
 from app.search.rows import DeclaredNoise, Nuisance, Rows
 from app.search.search import DRAWS, FALSE_ALARM
-from app.units import SECONDS_PER_DAY, duration_text, utc_time
+from app.units import SECONDS_PER_DAY, duration_text
 
 ASSUMED_REPEATABILITY_UM: Final = 1.0
 """Where nobody states one; in the other units the same number."""
@@ -96,7 +98,7 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
         limits = _DetectionLimits(entries, library.hypotheses, residuals, chances)
         seen = limits.smallest(0, rivals=True)
     effects = _best_forms([limits.described(one) for one in seen.values()])
-    suggestions = _suggestions(limits, added, seen)
+    suggestions = _suggestions(limits, planned, added, seen)
     own = residuals.rows.verification < len(planned.verifications)
     visits = int(np.unique(residuals.rows.visit[own]).size)
     return Plan(
@@ -295,10 +297,13 @@ class _DetectionLimits:
 
 
 def _suggestions(
-    limits: _DetectionLimits, added: Sequence[AddedVisit], seen: Mapping[str, Detectable]
+    limits: _DetectionLimits,
+    campaign: Campaign,
+    added: Sequence[AddedVisit],
+    seen: Mapping[str, Detectable],
 ) -> list[Suggestion]:
     """Try each visit beside the plan; the one that lowers the smallest effects most goes first."""
-    found = []
+    found, ranges = [], sensor_ranges(campaign)
     for number, visit in enumerate(added):
         after = limits.smallest(0, number + 1)
         shares = {
@@ -315,7 +320,7 @@ def _suggestions(
         ][:MOST_HELPED]
         gain = float(np.mean(np.log(list(shares.values())))) if shares else 0.0
         if helped:
-            found.append((gain, _suggestion(visit, helped)))
+            found.append((gain, _suggestion(campaign, ranges, visit, helped)))
     return [s for _, s in sorted(found, key=lambda f: f[0])[:MOST_SUGGESTIONS]]
 
 
@@ -328,22 +333,23 @@ def _different(limits: _DetectionLimits, keys: Sequence[str]) -> list[str]:
     return list(first.values())
 
 
-def _suggestion(visit: AddedVisit, helped: Sequence[ImprovedEffect]) -> Suggestion:
+def _suggestion(
+    campaign: Campaign,
+    ranges: Mapping[str, SensorRange],
+    added: AddedVisit,
+    helped: Sequence[ImprovedEffect],
+) -> Suggestion:
     one = helped[0]
     driven = list_names((*one.sensors, *one.states), 2)
     by = f" by {driven}" if one.sensors or one.states else ""
-    sentence = (
-        f"One more visit with {visit.words} would lower the smallest {one.kind} of "
-        f"{list_names(one.components, 3)}{by} that can be seen from {one.before_rms:.2g} to "
-        f"{one.after_rms:.2g} {one.unit}."
+    decides = (
+        f"lowers the smallest {one.kind} of {list_names(one.components, 3)}{by} that can be seen "
+        f"from {one.before_rms:.2g} to {one.after_rms:.2g} {one.unit}"
     )
-    return Suggestion(
-        sentence,
-        utc_time(visit.time_s),
-        visit.temperatures_c,
-        visit.states,
-        tuple(helped),
-    )
+    state = state_at(campaign, ranges, added.time_s, added.leading)
+    names = list(dict.fromkeys(o.component or "points" for o in added.visit.observations))
+    visit = visit_at(campaign, added.visit, added.time_s, state, names, decides)
+    return Suggestion(visit, tuple(helped))
 
 
 def _best_forms(effects: Sequence[PlannedEffect]) -> list[PlannedEffect]:
@@ -387,4 +393,4 @@ def _summary(
         f"{counted(len(effects), 'effect')}; {len(effects) - tied} of them could be told from "
         "every rival."
     )
-    return f"{seen} {suggestions[0].sentence}" if suggestions else seen
+    return f"{seen} {suggestions[0].visit.sentence}" if suggestions else seen

@@ -36,14 +36,23 @@ from app.units import Unit
 MOST_RIVALS: Final = 6
 
 
-def analysis_report(head: ReportHead, result: Analysis, *, plotly_js: str = INLINE) -> str:
-    """Write the page of an analysis."""
+def analysis_report(
+    head: ReportHead, result: Analysis, *, plotly_js: str = INLINE, back: str = ""
+) -> str:
+    """Write the page of an analysis.
+
+    Parameters
+    ----------
+    back
+        Where it was opened; empty where that is nowhere.
+    """
     effects = list(_with_drawings(result))
     visits = visit_drawings(result)
     return render(
         "analysis_report.html",
         plotly_js=plotly_js,
         head=head,
+        back=back,
         result=result,
         head_facts=head_facts(head, result).items(),
         decimals=decimals_for(result.noise),

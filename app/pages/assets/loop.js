@@ -333,11 +333,11 @@ on("plan", "click", async () => {
     let planned = [];
     if (number) {
       const { result } = await send("GET", analysis);
-      if (result?.next_visit) planned = [result.next_visit.planned];
+      planned = result?.next_visits.map((one) => one.planned) ?? [];
     }
     const plan = await send("POST", `${api}/analyses/plan`, { verifications: chosen("check").map(Number), planned });
     told(place, plan.summary);
-    const further = plan.suggestions.map((one) => one.sentence).filter((one) => !plan.summary.includes(one.slice(0, -1)));
+    const further = plan.suggestions.map((one) => one.visit.sentence).filter((one) => !plan.summary.includes(one.slice(0, -1)));
     place.append(list([...further, ...plan.notes]));
   } catch (error) {
     refused(place, "Not planned.", error);
