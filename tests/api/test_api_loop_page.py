@@ -141,7 +141,7 @@ async def test_visits_to_make_are_a_list_to_print_and_files(client, app):
     assert f"/machines/mcfv5050/loop?analysis={number}" in listed.addresses
     assert "2. While warming: spindle above 31 °C while z-column about 24 °C" in listed.text
     assert "every 20 min, 7 times" in listed.text
-    assert "120 min" in listed.text, "a line for each round"
+    assert "min 0 20 40 60 80 100 120 clock" in " ".join(listed.text.split())
     assert "450" in listed.text, "a field for each position"
     assert "thermap program visit mcfv5050 visit-3.csv -c CONTROLLER" in listed.text
     file = await client.get(f"{printed}/3")

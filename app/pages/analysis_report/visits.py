@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from app.identification.plan.visit import MachineState, NextVisit, PlannedPlace
+from app.identification.plan.visit import NextVisit, PlannedPlace
 from app.pages.environment import render
 from app.services.report_head import ReportHead
 
@@ -28,42 +28,35 @@ def visits_page(head: ReportHead, visits: Sequence[NextVisit], *, back: str = ""
         "visits.html",
         plotly_js="inline",
         head=head,
-        visits=[(visit, list(blank_fields(visit))) for visit in visits],
+        visits=[(visit, list(blank_tables(visit))) for visit in visits],
         back=back,
-        rounds=_rounds,
         drawings=[],
     )
 
 
-def _rounds(state: MachineState) -> list[str]:
-    return [f"{turn * (state.every_min or 0.0):g} min" for turn in range(state.rounds)]
+def blank_tables(visit: NextVisit) -> Iterator[tuple[str, Sequence[str], Sequence[str]]]:
+    """Lay out what is written down: corner, headings and lines of each table.
 
-
-def blank_fields(
-    visit: NextVisit,
-) -> Iterator[tuple[Sequence[str], Sequence[str]]]:
-    """Lay out fields for the readings: headings of positions, and names of the lines.
-
-    None where there would be too many, where points are measured, or in rounds.
+    Temperatures first; then the readings, unless they would be too many, or are at points or in
+    rounds, where the file serves.
     """
+    state = visit.state
+    sensors = [f"{sensor}, °C" for sensor in state.target_c]
+    if state.rounds > 1:
+        turns = [f"{turn * (state.every_min or 0.0):g}" for turn in range(state.rounds)]
+        yield "min", turns, ["clock", *sensors]
+        return
+    yield "", ["clock", *sensors, "remarks"], ["begin", "end"]
     observations = visit.planned.observations
-    if visit.state.rounds > 1 or any(o.position_mm is None for o in observations):
+    if any(o.position_mm is None for o in observations):
         return
     lines = list(dict.fromkeys(map(_line, observations)))
     places = [f"{o.position_mm:g}" for o in observations if _line(o) == lines[0]]
-    columns = list(dict.fromkeys(places))
-    columns += [f"{place} again" for place in _measured_again(places)]
-    rows = [columns[i : i + MOST_COLUMNS] for i in range(0, len(columns), MOST_COLUMNS)]
+    rows = [places[i : i + MOST_COLUMNS] for i in range(0, len(places), MOST_COLUMNS)]
     if len(rows) * len(lines) <= MOST_LINES:
-        for row in rows:
-            yield row, lines
-
-
-def _measured_again(places: Sequence[str]) -> list[str]:
-    """Name the places that come again, as often as they do."""
-    return [place for i, place in enumerate(places) if place in places[:i]]
+        yield from (("mm", row, lines) for row in rows)
 
 
 def _line(place: PlannedPlace) -> str:
-    signs = "".join((place.direction or {}).values())[:1]
+    signs = "".join((place.direction or {}).values())[:1].replace("-", "−")
     return f"{place.component} {signs}".strip()
