@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from app.api.field_errors import field_error
 from app.api.files.contract_json import read_json
 from app.api.files.csv_comments import Stated
-from app.api.files.csv_measurements import FORMATS, CsvMeasurement, read_csv_measurement
+from app.api.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, read_text
 from app.api.files.instrument_files import InstrumentFormat, instrument_format
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
@@ -54,12 +54,6 @@ from thermap.answers import (
     ThermalDriftAnswer,
 )
 from thermap.call import Call
-
-_OPTION_OF: Final = {
-    "label": "--label",
-    "measured_at": "--measured-at",
-    "temperatures_c": "--temperature",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,10 +182,7 @@ def _read_instrument(
     if written.method != method:
         raise UnreadableFile(f"{file}: expected --method {written.method}, got {method}")
     found = written.read(read_text(file), file, axis)
-    problems = Problems(file)
-    body = _with_stated(dict(found.body), method, stated, store, problems)
-    problems.raise_if_any()
-    return CsvMeasurement(body, found.machine, found.remarks)
+    return completed(found, method, file, stated, complete=store)
 
 
 def _read_json(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasurement:
@@ -201,26 +192,7 @@ def _read_json(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasu
     if not isinstance(body, dict):
         problems.add(f"expected the fields of a {method} measurement, got {type(body).__name__}")
         problems.raise_if_any()
-    body = _with_stated(body, method, stated, store, problems)
-    problems.raise_if_any()
-    return CsvMeasurement(body, None, ())
-
-
-def _with_stated(
-    body: dict[str, Any], method: str, stated: Stated, store: bool, problems: Problems
-) -> dict[str, Any]:
-    """Put in what the command line states, and note what a map still lacks."""
-    overruled = {"label": stated.label, "measured_at": stated.measured_at}
-    body |= {name: value for name, value in overruled.items() if value is not None}
-    known = body.get("temperatures_c") or {}
-    if stated.temperatures_c and isinstance(known, dict):
-        body["temperatures_c"] = known | dict(stated.temperatures_c)
-    of_a_map = ("label",) if FORMATS[method].is_dated else _OPTION_OF
-    for name in of_a_map:
-        option = _OPTION_OF[name]
-        if store and not body.get(name):
-            problems.add(f"expected {name} of the map, got none: state it or give {option}")
-    return body
+    return completed(CsvMeasurement(body, None, ()), method, file, stated, complete=store)
 
 
 def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:

@@ -312,12 +312,10 @@ class KeyFollower(Background):
         self._every_s = every_s
 
     def _run(self) -> None:
-        while not self._stop.is_set():
-            try:
-                self._ring.refresh()
-                self._ring.store_uses()
-            except StorageUnavailable as error:
-                log.info("when keys were used could not be stored: %s", error.detail)
-            except Exception:
-                log.exception("the keys could not follow the database")
-            self._stop.wait(self._every_s)
+        self._repeat(
+            self._look, self._every_s, "the keys could not follow the database", at_once=True
+        )
+
+    def _look(self) -> None:
+        self._ring.refresh()
+        self._ring.store_uses()

@@ -148,9 +148,11 @@ def test_without_a_thermal_state_nothing_can_be_stored(thermap, client, write):
     assert (found.exit_code, found.stdout) == (1, "")
     csv, body = files
     assert found.stderr.startswith(f"thermap: nothing was sent:\n{csv}: expected a label, got none")
-    for name, option in (("label", "--label"), ("temperatures_c", "--temperature")):
-        said = f"{body}: expected {name} of the map, got none: state it or give {option}\n"
-        assert said in found.stderr
+    for what, option in (
+        ("a label", "--label"),
+        ("every sensor's temperature in °C", "--temperature"),
+    ):
+        assert f"{body}: expected {what}, got none: state it or give {option}\n" in found.stderr
 
 
 def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, write):

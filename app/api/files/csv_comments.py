@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -155,17 +155,15 @@ def read_comments(
         if one.needed and one.thing.full not in statements:
             how = f": write `# {one.example}`"
             text.problems.lack(one.thing.full, f"expected {one.thing.field}, got none", how)
-    facts |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
-    if temperatures_c or stated.temperatures_c:
-        facts["temperatures_c"] = temperatures_c | dict(stated.temperatures_c)
+    noted = facts | ({"temperatures_c": temperatures_c} if temperatures_c else {})
+    facts = with_stated(noted, stated)
     if complete:
-        wanted = ("label",) if is_dated else _OF_A_MAP
         for sensor, line in empty.items():
-            if "temperatures_c" in wanted and sensor not in stated.temperatures_c:
+            if not is_dated and sensor not in stated.temperatures_c:
                 message = f"expected the temperature of {sensor} in °C, got none"
                 text.problems.lack(f"temperatures_c.{sensor}", message, line=line)
         noted = {"temperatures_c": empty} if empty else {}
-        _complain_of_missing(facts | noted, text.problems, wanted)
+        complain_of_missing(facts | noted, text.problems, is_dated=is_dated)
     if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
         text.problems.lack(
             "measured_at",
@@ -257,14 +255,34 @@ def _note_once(
     known[name] = value
 
 
-def _complain_of_missing(
-    facts: Mapping[str, Any], problems: Problems, wanted: Iterable[str]
+def with_stated(facts: Mapping[str, Any], stated: Stated) -> dict[str, Any]:
+    """Let what is stated beside a file take precedence over what it says."""
+    found = dict(facts)
+    found |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
+    if stated.temperatures_c:
+        known = found.get("temperatures_c")
+        of_file = known if isinstance(known, Mapping) else {}
+        found["temperatures_c"] = {**of_file, **stated.temperatures_c}
+    return found
+
+
+def complain_of_missing(
+    facts: Mapping[str, Any], problems: Problems, *, is_dated: bool, has_comments: bool = True
 ) -> None:
-    for key in wanted:
+    """Note what a map still lacks.
+
+    Parameters
+    ----------
+    is_dated
+        Whether the readings have times and temperatures of their own.
+    has_comments
+        Whether it may be written into comment lines of the file.
+    """
+    for key in ("label",) if is_dated else _OF_A_MAP:
         what, comment, option = _OF_A_MAP[key]
         if not facts.get(key):
-            how = f": write `{comment}` or give {option}"
-            problems.lack(key, f"expected {what}, got none", how)
+            where = f"write `{comment}`" if has_comments else "state it"
+            problems.lack(key, f"expected {what}, got none", f": {where} or give {option}")
 
 
 def _has_zone(text: str) -> bool:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from app.api.files.contract_json import check_contract, json_of
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Stated, with_stated
 from app.api.files.csv_error_map import CsvErrorMap, parse_csv_error_map
-from app.api.files.csv_measurements import CsvMeasurement, read_csv_measurement
+from app.api.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, only_sheet, sheets_of
 from app.api.files.file_kind import FileKind, is_json, refuse_other_kind
 from app.api.files.instrument_files import InstrumentFormat, format_of_text
@@ -65,7 +65,8 @@ def read_uploaded_map(
         elif written is not None:
             method = _method_of(file, written, method)
             text = only_sheet(sheets, file)
-            found = _with_stated(written.read(text, file, stated.axis), file, stated)
+            read = written.read(text, file, stated.axis)
+            found = completed(read, method, file, stated, complete=True)
         elif method is not None:
             text = only_sheet(sheets, file)
             found = read_csv_measurement(method, text, name=str(file), stated=stated, complete=True)
@@ -94,10 +95,7 @@ def _of_json(content: bytes, file: Path, stated: Stated) -> CsvErrorMap:
     problems = Problems(file)
     document = json_of(content, problems)
     if isinstance(document, dict):
-        said = {"label": stated.label, "measured_at": stated.measured_at}
-        document |= {name: value for name, value in said.items() if value is not None}
-        if stated.temperatures_c:
-            document["temperatures_c"] = dict(stated.temperatures_c)
+        document = with_stated(document, stated)
     entries = check_contract(document, problems)
     maps = [one for one in entries if isinstance(one, ErrorMapSchema)]
     if len(entries) > 1:
@@ -118,24 +116,3 @@ def _method_of(file: Path, written: InstrumentFormat, stated: str | None) -> str
             f"expected {written.method}, which {file} holds as {written.name}, got {stated}",
         )
     return written.method
-
-
-def _with_stated(found: CsvMeasurement, file: Path, stated: Stated) -> CsvMeasurement:
-    """Put in what is stated beside an instrument's file, and note what a map still lacks."""
-    problems = Problems(file)
-    body = dict(found.body)
-    if stated.label is not None:
-        body["label"] = stated.label
-    if stated.measured_at is not None:
-        body["measured_at"] = stated.measured_at
-    if stated.temperatures_c:
-        body["temperatures_c"] = dict(stated.temperatures_c)
-    for name, what in (
-        ("label", "a label"),
-        ("measured_at", "the time of the measurement, with its zone"),
-        ("temperatures_c", "the sensors' temperatures at that time in °C"),
-    ):
-        if not body.get(name):
-            problems.lack(name, f"expected {what}, got none")
-    problems.raise_if_any()
-    return CsvMeasurement(body, found.machine, found.remarks)

@@ -8,11 +8,16 @@ table holds the readings. Units stand in the names and bind: `linear_um` or
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from app.api.files.csv_comments import Stated, read_comments
+from app.api.files.csv_comments import (
+    Stated,
+    complain_of_missing,
+    read_comments,
+    with_stated,
+)
 from app.api.files.csv_measurements.formats import Format
 from app.api.files.csv_measurements.methods import (
     BODY_DIAGONAL,
@@ -102,3 +107,21 @@ def read_csv_measurement(
     body = wanted.read(table, comments.statements, remarks)
     table.problems.raise_if_any()
     return CsvMeasurement({**comments.state, **body}, comments.machine, remarks)
+
+
+def completed(
+    found: CsvMeasurement, method: str, file: Path, stated: Stated, *, complete: bool
+) -> CsvMeasurement:
+    """Put what is stated into a measurement that no table of ours holds.
+
+    Raises
+    ------
+    UnreadableFile
+        With what a map still lacks, if it is to be `complete`.
+    """
+    problems = Problems(file)
+    body = with_stated(found.body, stated)
+    if complete:
+        complain_of_missing(body, problems, is_dated=FORMATS[method].is_dated, has_comments=False)
+    problems.raise_if_any()
+    return replace(found, body=body)
