@@ -56,9 +56,9 @@ def answers() -> list[type[Answer]]:
 
 
 def _below(shape: type[Answer]) -> Iterator[type[Answer]]:
-    for own in shape.__subclasses__():
-        yield own
-        yield from _below(own)
+    for subclass in shape.__subclasses__():
+        yield subclass
+        yield from _below(subclass)
 
 
 def _as_answer(schema: dict[str, Any]) -> None:

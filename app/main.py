@@ -135,8 +135,12 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         If the database cannot be reached.
     """
     settings = settings or Settings()
-    stated = ConnectionsFile() if settings.config is None else read_connections(settings.config)
-    expect_servable(settings.opcua_endpoint, stated.opcua_server, insecure=settings.insecure)
+    connections_file = (
+        ConnectionsFile() if settings.config is None else read_connections(settings.config)
+    )
+    expect_servable(
+        settings.opcua_endpoint, connections_file.opcua_server, insecure=settings.insecure
+    )
     context, upgraded = _open_database(settings)
     # The context as it is then: whoever makes the service may give it another clock.
     ring = KeyRing(lambda: service.state.context)
@@ -147,7 +151,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     runner = make_runner(context, runs_here=settings.analyses)
     alarms = AlarmLog(context)
     link = _own_address(settings)
-    telling = ReceiverTelling(context, [NotifyReceiver(one, link) for one in stated.notify])
+    telling = ReceiverTelling(
+        context, [NotifyReceiver(receiver, link) for receiver in connections_file.notify]
+    )
     judge = LateJudge(context)
     keeper = ReadingKeeper(
         context, settings.keep_readings, settings.thin_readings_after, settings.thin_readings_to_s
@@ -171,7 +177,9 @@ def create_app(settings: Settings | None = None) -> ThermapService:
         try:
             async with (
                 serving_tables(
-                    lambda: service.state.context, settings.opcua_endpoint, stated.opcua_server
+                    lambda: service.state.context,
+                    settings.opcua_endpoint,
+                    connections_file.opcua_server,
                 ),
                 service.state.connections.running(),
                 service.state.connection_reports.running(),
@@ -206,7 +214,7 @@ def create_app(settings: Settings | None = None) -> ThermapService:
     service.state.context = context
     service.state.runner = runner
     service.state.database_is_new = upgraded.was_empty
-    _set_state(service, settings, stated, ring)
+    _set_state(service, settings, connections_file, ring)
     _allow_other_sites(service, settings.cors_origins)
     for room in ROOMS:
         room.router.serve_by(service)
@@ -230,7 +238,7 @@ def _open_database(settings: Settings) -> tuple[Context, Upgraded]:
 
 
 def _set_state(
-    service: ThermapService, settings: Settings, stated: ConnectionsFile, ring: KeyRing
+    service: ThermapService, settings: Settings, connections_file: ConnectionsFile, ring: KeyRing
 ) -> None:
     """Put what requests share into the service's state, which has its context already."""
     service.state.streams = TableStreams(lambda: service.state.context)
@@ -250,7 +258,7 @@ def _set_state(
     service.state.metrics = Metrics(service.state.context.live, settings.worker)
     service.state.gate = Gate(settings.host, settings.allowed_hosts, settings.cors_origins)
     service.state.connections = Connections(
-        stated, lambda: service.state.context, service.state.streams.all_tables
+        connections_file, lambda: service.state.context, service.state.streams.all_tables
     )
     service.state.connection_reports = ConnectionReports(
         service.state.connections,

@@ -184,24 +184,24 @@ class Settings(BaseSettings):
 
     @field_validator("opcua_endpoint")
     @classmethod
-    def _is_endpoint(cls, stated: str) -> str:
+    def _is_endpoint(cls, endpoint: str) -> str:
         """Refuse what is not an endpoint."""
-        if not stated:
-            return stated
+        if not endpoint:
+            return endpoint
         host = port = None
         with suppress(ValueError):
-            url = urlsplit(stated)
+            url = urlsplit(endpoint)
             host, port = url.hostname, url.port
-        if not (host and port and stated.startswith("opc.tcp://")):
+        if not (host and port and endpoint.startswith("opc.tcp://")):
             raise ValueError(
                 "expected opc.tcp://ADDRESS:PORT/NAME, as opc.tcp://127.0.0.1:4840/thermap"
             )
-        return stated
+        return endpoint
 
     @field_validator("forwarded_allow_ips")
     @classmethod
-    def _addresses_of_proxies(cls, stated: tuple[str, ...]) -> tuple[str, ...]:
-        for address in stated:
+    def _addresses_of_proxies(cls, addresses: tuple[str, ...]) -> tuple[str, ...]:
+        for address in addresses:
             try:
                 ip_network(address)
             except ValueError:
@@ -209,11 +209,11 @@ class Settings(BaseSettings):
                     "expected an address or a network, such as 127.0.0.1 or 10.0.0.0/8, got "
                     f"{address[:80]!r}; * is not taken: it would believe everybody"
                 ) from None
-        return stated
+        return addresses
 
     @field_validator("allowed_hosts", "cors_origins", "forwarded_allow_ips", mode="before")
     @classmethod
-    def _names_apart(cls, stated: Any) -> Any:
+    def _names_apart(cls, value: Any) -> Any:
         """Take names apart that stand in one text, as in the environment."""
-        texts = [stated] if isinstance(stated, str) else stated
+        texts = [value] if isinstance(value, str) else value
         return tuple(name for text in texts for name in text.replace(",", " ").split())

@@ -39,7 +39,7 @@ async def keep_running(
     lets_through
         Exceptions that end whoever waits for it, too.
     """
-    pause_s, said = FIRST_PAUSE_S, ""
+    pause_s, logged = FIRST_PAUSE_S, ""
     while True:
         began_s = monotonic()
         try:
@@ -49,15 +49,15 @@ async def keep_running(
             if isinstance(_innermost(why), lets_through):
                 raise
             words = words_of(why)
-            if words != said and not is_foreseen(why):
+            if words != logged and not is_foreseen(why):
                 log.exception("%s: %s", name, words)
         if ended is not None:
             ended(words)
-        elif words != said:
+        elif words != logged:
             log.warning("%s: %s; it begins anew", name, words)
-        said = words
+        logged = words
         if monotonic() - began_s >= STEADY_S:
-            pause_s, said = FIRST_PAUSE_S, ""
+            pause_s, logged = FIRST_PAUSE_S, ""
         # Many that lost the same thing do not come back all at once.
         await asyncio.sleep(pause_s * random.uniform(0.8, 1.2))
         pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)

@@ -43,7 +43,7 @@ class Call(Generic[Answer]):
         sent["timeout"] = self.waits_s(timeout_s)
         if self.query:
             sent["params"] = {
-                k: [_text(one) for one in v] if isinstance(v, list) else _text(v)
+                k: [_text(item) for item in v] if isinstance(v, list) else _text(v)
                 for k, v in self.query.items()
                 if v is not None
             }
@@ -81,16 +81,16 @@ def reader_of(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:
 
     def read(response: httpx.Response) -> Answer:
         adapter = _adapter(cast("Any", kind))
-        found: Answer = adapter.validate_json(response.content, extra="ignore")
-        return found
+        answer: Answer = adapter.validate_json(response.content, extra="ignore")
+        return answer
 
     return read
 
 
 def parsed(kind: type[Answer], data: str) -> Answer:
     """Read JSON as an answer is read that comes alone."""
-    found: Answer = _adapter(cast("Any", kind)).validate_json(data, extra="ignore")
-    return found
+    answer: Answer = _adapter(cast("Any", kind)).validate_json(data, extra="ignore")
+    return answer
 
 
 def nothing(_response: httpx.Response) -> None:

@@ -152,8 +152,8 @@ def keys() -> Call[list[AccessKey]]:
 
 def create_key(name: str, role: str, machines: Sequence[str] | None) -> Call[NewAccessKey]:
     """POST /v1/keys."""
-    stated = None if machines is None else list(machines)
-    body = {"name": name, "role": role, "machines": stated}
+    bound_to = None if machines is None else list(machines)
+    body = {"name": name, "role": role, "machines": bound_to}
     return Call("POST", "/v1/keys", reader_of(NewAccessKey), body)
 
 
@@ -386,12 +386,12 @@ def add_up(parts: Iterable[StoredReadings]) -> StoredReadings:
     >>> add_up([StoredReadings(stored=2, duplicates=1), StoredReadings(stored=1, duplicates=0)])
     StoredReadings(stored=3, duplicates=1, ahead=0, warnings=[])
     """
-    found = list(parts)
+    stored = list(parts)
     return StoredReadings(
-        stored=sum(part.stored for part in found),
-        duplicates=sum(part.duplicates for part in found),
-        ahead=sum(part.ahead for part in found),
-        warnings=[warning for part in found for warning in part.warnings],
+        stored=sum(part.stored for part in stored),
+        duplicates=sum(part.duplicates for part in stored),
+        ahead=sum(part.ahead for part in stored),
+        warnings=[warning for part in stored for warning in part.warnings],
     )
 
 

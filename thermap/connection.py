@@ -27,13 +27,13 @@ def service_url(base_url: str | None) -> httpx.URL:
     >>> service_url("http://127.0.0.1:8001/")
     URL('http://127.0.0.1:8001')
     """
-    stated = base_url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
+    base = base_url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
     try:
-        url = httpx.URL(stated.rstrip("/"))
+        url = httpx.URL(base.rstrip("/"))
     except httpx.InvalidURL:
         url = httpx.URL()
     if url.scheme not in ("http", "https") or not url.host:
-        raise ValueError(f"expected a URL such as {DEFAULT_URL}, got {stated!r}")
+        raise ValueError(f"expected a URL such as {DEFAULT_URL}, got {base!r}")
     return url
 
 

@@ -127,7 +127,7 @@ class EventReader:
         if own_id:
             self._last_id = own_id
         try:
-            return _told(name, data) if data else None
+            return _event(name, data) if data else None
         except (ValueError, KeyError, AttributeError) as error:
             raise UnexpectedAnswerError(f"event {name!r}: {error}") from error
 
@@ -168,7 +168,7 @@ def timeout_of(timeout_s: float) -> httpx.Timeout:
     return httpx.Timeout(timeout_s, read=SILENT_S)
 
 
-def _told(name: str, data: str) -> Told | None:
+def _event(name: str, data: str) -> Told | None:
     """Read an event; what a newer service tells beside is passed over."""
     if name == "status":
         status = parsed(MachineStatus, data)
@@ -188,8 +188,8 @@ def _told(name: str, data: str) -> Told | None:
     if name not in ("table", "state"):
         return None
     kind: Literal["table", "state"] = "table" if name == "table" else "state"
-    told: dict[str, Any] = json.loads(data)
-    if not told.get("components"):
-        return Told(kind, told["machine"], detail=told.get("detail", ""))
+    fields: dict[str, Any] = json.loads(data)
+    if not fields.get("components"):
+        return Told(kind, fields["machine"], detail=fields.get("detail", ""))
     table = parsed(CurrentCompensationAnswer, data)
-    return Told(kind, table.machine, table, stepping=told.get("stepping", False))
+    return Told(kind, table.machine, table, stepping=fields.get("stepping", False))

@@ -136,14 +136,16 @@ class TableEntry(Shape):
         before = _BEFORE[chosen]
         error = np.asarray(self._errors(before), dtype=float)
         positions = self.positions_mm
-        stated = self._standard_errors(before)
+        standard_errors = self._standard_errors(before)
         return ComponentArrays(
             self.component,
             chosen,
             None if positions is None else np.asarray(positions, dtype=float),
             error,
             0.0 - error,
-            np.full_like(error, np.nan) if stated is None else np.asarray(stated, dtype=float),
+            np.full_like(error, np.nan)
+            if standard_errors is None
+            else np.asarray(standard_errors, dtype=float),
             self.unit,
         )
 
@@ -274,15 +276,15 @@ class Components(Shape):
         _, axes = pyplot.subplots(
             len(units), squeeze=False, figsize=(8.0, 3.0 * len(units)), layout="constrained"
         )
-        for unit, one in zip(units, axes[:, 0], strict=True):
+        for unit, plot_axes in zip(units, axes[:, 0], strict=True):
             for i, entry in enumerate(entry for entry in chosen if entry.unit == unit):
-                _draw(one, entry, quantity, f"C{i}")
-            one.set(ylabel=f"{quantity.replace('_', ' ')} [{unit}]")
+                _draw(plot_axes, entry, quantity, f"C{i}")
+            plot_axes.set(ylabel=f"{quantity.replace('_', ' ')} [{unit}]")
             if all(e.positions_mm is None for e in chosen if e.unit == unit):
-                one.set_xticks([])
+                plot_axes.set_xticks([])
             else:
-                one.set_xlabel("position [mm]")
-            one.legend(ncols=3, fontsize="small")
+                plot_axes.set_xlabel("position [mm]")
+            plot_axes.legend(ncols=3, fontsize="small")
         return list(axes[:, 0])
 
     def _arrays(self) -> Iterator[ComponentArrays]:
@@ -291,7 +293,9 @@ class Components(Shape):
     def _repr_html_(self) -> str:
         """Write what a notebook shows: a row for each component, from its least to its largest."""
         facts = {name: getattr(self, name, None) for name in _FACTS}
-        said = " · ".join(f"{name} {value}" for name, value in facts.items() if value is not None)
+        caption = " · ".join(
+            f"{name} {value}" for name, value in facts.items() if value is not None
+        )
         heads = ("component", "positions [mm]", "error", "compensation", "unit", "status")
         rows = []
         for entry in self.components:
@@ -305,7 +309,7 @@ class Components(Shape):
         )
         warnings = "".join(f"<li>{escape(text)}</li>" for text in getattr(self, "warnings", ()))
         return (
-            f"<table><caption>{escape(said)}</caption>"
+            f"<table><caption>{escape(caption)}</caption>"
             f"<thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
             f"<tbody>{lines}</tbody></table>{warnings and f'<ul>{warnings}</ul>'}"
         )

@@ -55,12 +55,12 @@ def source_of(address: str) -> str:
     ('2001:db8:1:2::', '192.0.2.7', '')
     """
     try:
-        found = ip_address(address)
+        ip = ip_address(address)
     except ValueError:
         return address
-    if not isinstance(found, IPv6Address):
+    if not isinstance(ip, IPv6Address):
         return address
-    if found.ipv4_mapped is not None:
-        return str(found.ipv4_mapped)
-    host_bits = found.max_prefixlen - _NETWORK_BITS
-    return str(IPv6Address(int(found) >> host_bits << host_bits))
+    if ip.ipv4_mapped is not None:
+        return str(ip.ipv4_mapped)
+    host_bits = ip.max_prefixlen - _NETWORK_BITS
+    return str(IPv6Address(int(ip) >> host_bits << host_bits))

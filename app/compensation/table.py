@@ -182,8 +182,8 @@ class CompensationTable(NamedTuple):
     def components(self) -> list[ComponentCompensation]:
         """All components in the order in which tables list them."""
         plain = [entry for state in self.states for entry in group_compensation(state)]
-        found = {entry.component.code: entry for entry in (*plain, *self.corrected)}
-        return sorted(found.values(), key=lambda entry: ORDER[entry.component.code])
+        by_code = {entry.component.code: entry for entry in (*plain, *self.corrected)}
+        return sorted(by_code.values(), key=lambda entry: ORDER[entry.component.code])
 
 
 def compensation_table(
@@ -209,13 +209,13 @@ def compensation_table(
     usable: dict[str, float] = {}
     stale: dict[str, float] = {}
     failures: dict[str, str] = {}
-    for one in sensors:
-        is_ok = one.health is Health.OK
+    for sensor in sensors:
+        is_ok = sensor.health is Health.OK
         if not is_ok:
-            failures[one.sensor] = one.detail
-        if one.temperature_c is not None and (is_ok or one.health is Health.STALE):
+            failures[sensor.sensor] = sensor.detail
+        if sensor.temperature_c is not None and (is_ok or sensor.health is Health.STALE):
             into = usable if is_ok else stale
-            into[one.sensor] = one.temperature_c
+            into[sensor.sensor] = sensor.temperature_c
     try:
         states = model.errors_at(usable, stale)
     except SensorUnavailable as error:
@@ -287,11 +287,11 @@ def omissions(omitted: Mapping[str, str], limit: int = 20) -> dict[str, tuple[st
     alike: dict[str, list[str]] = {}
     for code, why in omitted.items():
         alike.setdefault(why, []).append(code)
-    found = {}
+    by_sentence = {}
     for why, codes in alike.items():
         verb = "is" if len(codes) == 1 else "are"
-        found[f"{list_names(codes, limit)} {verb} not in the table: {why}"] = tuple(codes)
-    return found
+        by_sentence[f"{list_names(codes, limit)} {verb} not in the table: {why}"] = tuple(codes)
+    return by_sentence
 
 
 def shortenings(state: GroupState, without: Collection[str] = ()) -> list[str]:
@@ -312,17 +312,17 @@ _REMARKS: Mapping[Status, str] = {
 
 def remarks(states: Iterable[GroupState]) -> list[str]:
     """Say what is not plain interpolation between maps of the assigned sensor."""
-    found = []
+    listed = []
     for state in states:
         if state.bracket.status in _PLAIN:
             continue
         codes = list_names(state.group.codes)
         if state.is_stand_in:
-            found.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")
+            listed.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")
         beyond_c = state.limited_beyond_c
         if beyond_c is not None:
             nearest = state.upper_map if state.weight > 0.5 else state.lower_map
-            found.append(
+            listed.append(
                 f"{state.sensor} at {state.temperature_c:g} °C is outside the maps: {codes} "
                 f"extrapolated from {state.lower_map!r} and {state.upper_map!r}, which are "
                 f"{state.span_c:.3g} K apart, but held from {beyond_c:.3g} K beyond {nearest!r} "
@@ -330,7 +330,7 @@ def remarks(states: Iterable[GroupState]) -> list[str]:
                 "present temperature"
             )
         elif state.status in _REMARKS:
-            found.append(
+            listed.append(
                 _REMARKS[state.status].format(
                     sensor=state.sensor,
                     t=state.temperature_c,
@@ -340,4 +340,4 @@ def remarks(states: Iterable[GroupState]) -> list[str]:
                     upper=state.upper_map,
                 )
             )
-    return found
+    return listed

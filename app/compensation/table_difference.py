@@ -36,14 +36,14 @@ def component_changes(before: CompensationTable, after: CompensationTable) -> li
     list of ComponentChange
         The largest number first, whatever its unit: a µrad is a µm at an arm of one metre.
     """
-    known = {entry.component.code: entry for entry in before.components}
-    found = [
+    earlier = {entry.component.code: entry for entry in before.components}
+    changes = [
         change
         for entry in after.components
-        if entry.component.code in known
-        and (change := _change(known[entry.component.code], entry)) is not None
+        if entry.component.code in earlier
+        and (change := _change(earlier[entry.component.code], entry)) is not None
     ]
-    return sorted(found, key=lambda one: -abs(one.change))
+    return sorted(changes, key=lambda listed: -abs(listed.change))
 
 
 def _change(before: ComponentCompensation, after: ComponentCompensation) -> ComponentChange | None:
@@ -66,12 +66,12 @@ def _change(before: ComponentCompensation, after: ComponentCompensation) -> Comp
     )
 
 
-def _common(one: FloatArray, other: FloatArray) -> FloatArray:
+def _common(first: FloatArray, other: FloatArray) -> FloatArray:
     """Unite two tables' positions inside the range of both; one position limits nothing."""
-    union = np.union1d(one, other)
-    ranges = [positions for positions in (one, other) if positions.size > 1]
+    union = np.union1d(first, other)
+    ranges = [positions for positions in (first, other) if positions.size > 1]
     if not ranges:
         return union
     low, high = max(p[0] for p in ranges), min(p[-1] for p in ranges)
-    found: FloatArray = union[(union >= low) & (union <= high)]
-    return found
+    common: FloatArray = union[(union >= low) & (union <= high)]
+    return common

@@ -37,13 +37,13 @@ def table_field(
     ErrorField
         With an axis of states in its answers if there are several.
     """
-    found = thermal_tables([table.states for table in tables], directions)
+    thermal = thermal_tables([table.states for table in tables], directions)
     corrected = {entry.component for table in tables for entry in table.corrected}
     entries = [{e.component: e for e in table.components} for table in tables if corrected]
     for component in corrected:
         of_states = [_table(of_table.get(component), directions) for of_table in entries]
-        found[component.code] = side_by_side(of_states)
-    return ErrorField.make(model.machine.chain, found, model.measuring_lines)
+        thermal[component.code] = side_by_side(of_states)
+    return ErrorField.make(model.machine.chain, thermal, model.measuring_lines)
 
 
 def _table(entry: ComponentCompensation | None, directions: Directions) -> Table:

@@ -102,13 +102,13 @@ def _change(before: Curves, after: Curves) -> float:
     """Find the largest change of any component at any position."""
     largest = 0.0
     for code in {**before, **after}:
-        one, other = before.get(code), after.get(code)
-        known = [curve for curve in (one, other) if curve is not None]
-        at = np.unique(np.concatenate([curve.positions_mm for curve in known]))
+        earlier, other = before.get(code), after.get(code)
+        curves = [curve for curve in (earlier, other) if curve is not None]
+        at = np.unique(np.concatenate([curve.positions_mm for curve in curves]))
         at = at if at.size else np.zeros(1)
         for direction in (FORWARD, BACKWARD):
             values: Sequence[FloatArray] = [
-                np.zeros(at.size) if c is None else c.at(at, direction) for c in (one, other)
+                np.zeros(at.size) if c is None else c.at(at, direction) for c in (earlier, other)
             ]
             largest = max(largest, float(np.abs(values[1] - values[0]).max()))
     return largest

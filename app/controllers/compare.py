@@ -49,7 +49,7 @@ class Comparison:
     warnings: Sequence[str]
 
 
-def compare(controller: Format, table: ErrorTable, held: Parsed, options: Options) -> Comparison:
+def compare(controller: Format, table: ErrorTable, loaded: Parsed, options: Options) -> Comparison:
     """Compare what a controller's files hold with what they should hold.
 
     Raises
@@ -58,32 +58,32 @@ def compare(controller: Format, table: ErrorTable, held: Parsed, options: Option
         If the files name another machine, or lie wholly outside the axis' range.
     """
     origin = table.origin
-    if held.machine is not None and held.machine != origin.machine_id:
+    if loaded.machine is not None and loaded.machine != origin.machine_id:
         raise InvalidContent.of_field(
             "files",
-            f"expected files of machine {origin.machine_id!r}, got those of {held.machine!r}",
+            f"expected files of machine {origin.machine_id!r}, got those of {loaded.machine!r}",
         )
     wanted = wanted_of(controller, table, options)
-    found = []
+    compared = []
     for code in COMPONENTS:
-        curve, mine = held.curves.get(code), wanted.table.curves.get(code)
+        curve, mine = loaded.curves.get(code), wanted.table.curves.get(code)
         if curve is not None:
             _expect_overlap(curve, table)
         if curve is None and mine is None:
             continue
-        found.append(_compared(curve, mine))
-    found.sort(key=lambda one: -abs(one.difference.largest))
-    unnamed = [] if held.machine else [UNNAMED]
-    return Comparison(found, wanted.not_held, [*table.warnings, *held.warnings, *unnamed])
+        compared.append(_compared(curve, mine))
+    compared.sort(key=lambda item: -abs(item.difference.largest))
+    unnamed = [] if loaded.machine else [UNNAMED]
+    return Comparison(compared, wanted.not_held, [*table.warnings, *loaded.warnings, *unnamed])
 
 
-def _compared(held: Curve | None, wanted: Curve | None) -> Compared:
-    shown = wanted if wanted is not None else held
-    assert shown is not None
-    nothing = Curve(shown.component, shown.positions_mm, np.zeros(shown.errors.shape))
-    state = BOTH if held and wanted else MISSING if wanted else UNKNOWN
-    off = difference(held or nothing, wanted or nothing)
-    return Compared(shown.code, shown.component.unit.symbol, state, off)
+def _compared(loaded: Curve | None, wanted: Curve | None) -> Compared:
+    present = wanted if wanted is not None else loaded
+    assert present is not None
+    nothing = Curve(present.component, present.positions_mm, np.zeros(present.errors.shape))
+    state = BOTH if loaded and wanted else MISSING if wanted else UNKNOWN
+    off = difference(loaded or nothing, wanted or nothing)
+    return Compared(present.code, present.component.unit.symbol, state, off)
 
 
 def _expect_overlap(curve: Curve, table: ErrorTable) -> None:

@@ -128,7 +128,7 @@ class Difference:
     direction: str
 
 
-def difference(held: Curve, wanted: Curve) -> Difference:
+def difference(loaded: Curve, wanted: Curve) -> Difference:
     """Compare two curves over the positions of the second, at the nodes of both.
 
     Returns
@@ -150,12 +150,12 @@ def difference(held: Curve, wanted: Curve) -> Difference:
     nodes = wanted.positions_mm
     where = np.zeros(1)
     if nodes.size:
-        both = np.union1d(nodes, held.positions_mm)
+        both = np.union1d(nodes, loaded.positions_mm)
         where = both[(both >= nodes[0]) & (both <= nodes[-1])]
     directions = [FORWARD]
-    if held.backward_errors is not None or wanted.backward_errors is not None:
+    if loaded.backward_errors is not None or wanted.backward_errors is not None:
         directions.append(BACKWARD)
-    off = np.stack([held.at(where, d) - wanted.at(where, d) for d in directions])
+    off = np.stack([loaded.at(where, d) - wanted.at(where, d) for d in directions])
     side, place = np.unravel_index(np.abs(off).argmax(), off.shape)
     return Difference(
         float(off[side, place]),

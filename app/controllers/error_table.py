@@ -23,11 +23,13 @@ from app.units import um_from_urad_mm
 Range = tuple[float, float]
 
 TRANSLATIONS = tuple(
-    code for code, one in COMPONENTS.items() if one.kind in (Kind.LINEAR, Kind.STRAIGHTNESS)
+    code
+    for code, component in COMPONENTS.items()
+    if component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS)
 )
 """Codes of the nine translational errors."""
 
-LINEAR = tuple(code for code, one in COMPONENTS.items() if one.kind is Kind.LINEAR)
+LINEAR = tuple(code for code, component in COMPONENTS.items() if component.kind is Kind.LINEAR)
 """Codes of the three displacement errors along their own axes."""
 
 
@@ -90,14 +92,16 @@ class ErrorTable:
             Tool offset at which angular errors are sized.
         """
         components = table.components
-        ranges = {a: found for a in machine.chain.axes if (found := _range(machine, components, a))}
-        curves = {one.component.code: _curve(one, ranges) for one in components}
+        ranges = {a: span for a in machine.chain.axes if (span := _range(machine, components, a))}
+        curves = {component.component.code: _curve(component, ranges) for component in components}
         used = {s.sensor: s.temperature_c for s in table.states}
         whose = (machine.id, machine.name, table.model_version, table.computed_at, used)
         return cls(
             origin=Origin(*whose, axes=tuple(machine.chain.axes)),
             curves=curves,
-            statuses={one.component.code: str(one.basis.status) for one in components},
+            statuses={
+                component.component.code: str(component.basis.status) for component in components
+            },
             ranges_mm=ranges,
             sizes_um={
                 code: _size_um(curve, errors, ranges, tool_offset_mm)
@@ -119,11 +123,11 @@ class ErrorTable:
         """
         curves = dict(self.curves)
         statuses = dict(self.statuses)
-        for code in [c for c, one in curves.items() if one.component.kind is Kind.SQUARENESS]:
+        for code in [c for c, curve in curves.items() if curve.component.kind is Kind.SQUARENESS]:
             squareness = curves.pop(code)
-            one = squareness.component
-            target = COMPONENTS[f"E{one.direction}{one.times}".upper()]
-            ends = self.ranges_mm.get(str(one.times))
+            folded_from = squareness.component
+            target = COMPONENTS[f"E{folded_from.direction}{folded_from.times}".upper()]
+            ends = self.ranges_mm.get(str(folded_from.times))
             straightness = curves.get(target.code)
             if straightness is None and ends is None:
                 curves[code] = squareness  # no axis, no length: it stays what it is
@@ -141,24 +145,28 @@ def _range(
     if travel is not None:
         return (travel.min_mm, travel.max_mm)
     tables = [
-        one.positions_mm
-        for one in components
-        if one.component.axis == axis and one.positions_mm.size > 1
+        component.positions_mm
+        for component in components
+        if component.component.axis == axis and component.positions_mm.size > 1
     ]
     if not tables:
         return None
     return (float(min(p[0] for p in tables)), float(max(p[-1] for p in tables)))
 
 
-def _curve(one: ComponentCompensation, ranges: Mapping[str, Range]) -> Curve:
+def _curve(compensation: ComponentCompensation, ranges: Mapping[str, Range]) -> Curve:
     """Make a curve; one that does not depend on position goes from end to end."""
-    positions, errors, backward = one.positions_mm, one.errors, one.backward_errors
-    axis = one.component.axis
+    positions, errors, backward = (
+        compensation.positions_mm,
+        compensation.errors,
+        compensation.backward_errors,
+    )
+    axis = compensation.component.axis
     if axis is not None and positions.size < 2 and axis in ranges:
         positions = frozen(ranges[axis])
         errors = np.repeat(errors, 2)
         backward = None if backward is None else np.repeat(backward, 2)
-    return Curve(one.component, positions, errors, backward)
+    return Curve(compensation.component, positions, errors, backward)
 
 
 def _folded(
@@ -208,6 +216,6 @@ def _size_um(
 def _alone(curve: Curve, values: FloatArray, errors: ErrorField) -> ErrorField:
     """Give the volumetric error of one component in one direction; `errors` has their mean."""
     if not curve.component.is_table:
-        return errors.only(lambda one: one.code == curve.code)
+        return errors.only(lambda component: component.code == curve.code)
     tables = {curve.code: Table(curve.positions_mm, values)}
     return ErrorField.make(errors.chain, tables, errors.measuring_lines)

@@ -29,8 +29,8 @@ from app.controllers.heads import head
 from app.controllers.iso_names import (
     BY_ISO_NAME,
     DECIMALS,
-    HELD,
     POSITION_DECIMALS,
+    WRITTEN,
     file_factor,
     iso_name,
     why_not_held,
@@ -47,12 +47,12 @@ _LARGEST_RAD: Final = 0.1
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
     lines = [f"// {x}" for x in head(table.origin, ETALON, options)]
-    held = []
+    loaded = []
     for curve in table.curves.values():
         factor = file_factor(curve.component)
         errors = np.round(curve.errors * factor, DECIMALS)
         at = np.round(curve.positions_mm, POSITION_DECIMALS)
-        held.append(Curve(curve.component, frozen(at) if at.size else at, errors / factor))
+        loaded.append(Curve(curve.component, frozen(at) if at.size else at, errors / factor))
         lines.append(f"[{iso_name(curve.component)}]")
         if curve.component.is_table:
             lines.append("Gridpoints = {")
@@ -63,7 +63,7 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
             lines.append("}")
         else:
             lines.append(f"VALUE = {unsigned(float(errors[0]), DECIMALS)}")
-    return Rendered([ControllerFile("thermap.etalon", "\n".join(lines) + "\n")], held)
+    return Rendered([ControllerFile("thermap.etalon", "\n".join(lines) + "\n")], loaded)
 
 
 def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
@@ -75,7 +75,7 @@ def _parse(files: Sequence[ControllerFile], options: Options) -> Parsed:
 
 
 def _blocks(file: ControllerFile, reading: Reading) -> list[Curve]:
-    found: list[Curve] = []
+    curves: list[Curve] = []
     component: Component | None = None
     unread: str | None = None
     rows: list[tuple[float, float]] | None = None
@@ -83,7 +83,7 @@ def _blocks(file: ControllerFile, reading: Reading) -> list[Curve]:
     for line in lines_of(file.name, file.content, "//"):
         if rows is not None and component is not None:
             if line.text == "}":
-                found.append(_table(component, rows, line))
+                curves.append(_table(component, rows, line))
                 component, rows = None, None
             else:
                 rows.append(_row(line, component, rows))
@@ -98,13 +98,13 @@ def _blocks(file: ControllerFile, reading: Reading) -> list[Curve]:
         elif component is not None and component.is_table and _GRID.fullmatch(line.text):
             rows = []
         elif component is not None and not component.is_table:
-            found.append(_single(line, component))
+            curves.append(_single(line, component))
             component = None
         else:
             raise line.refuse("a block such as [EXX] with Gridpoints = {, rows and }")
     if component is not None:
         raise line.refuse(f"the end of the block of {component.code}: the file may be cut off")
-    return found
+    return curves
 
 
 def _named(line: Line, name: str) -> Component:
@@ -137,10 +137,10 @@ def value_of(line: Line, text: str, component: Component) -> float:
 
 
 def _single(line: Line, component: Component) -> Curve:
-    found = _VALUE.fullmatch(line.text)
-    if found is None:
+    match = _VALUE.fullmatch(line.text)
+    if match is None:
         raise line.refuse(f"VALUE = of {component.code}")
-    return Curve(component, frozen([])[:0], frozen([value_of(line, found[1], component)]))
+    return Curve(component, frozen([])[:0], frozen([value_of(line, match[1], component)]))
 
 
 def _table(component: Component, rows: Sequence[tuple[float, float]], line: Line) -> Curve:
@@ -158,7 +158,7 @@ ETALON: Final = Format(
     spacing="any, increasing",
     limits="one direction; no nonrigid slopes",
     status=Status.SOURCE,
-    holds=HELD,
+    holds=WRITTEN,
     folds=False,
     both_directions=(),
     options=Options,

@@ -64,7 +64,7 @@ class Export:
     resampling: Sequence[Resampled]
     check: Sequence[Check]
     warnings: Sequence[str]
-    held: Sequence[Curve]
+    loaded: Sequence[Curve]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +96,8 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
         is left.
     """
     source, why_not = holdable(controller, table)
-    asked = _asked(source, why_not, options)
-    curves = {code: curve for code, curve in source.curves.items() if code in asked}
+    requested = _requested(source, why_not, options)
+    curves = {code: curve for code, curve in source.curves.items() if code in requested}
     if not curves:
         raise InvalidContent.of_field(
             "controller",
@@ -116,11 +116,11 @@ def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted
         for code, curve in curves.items()
         if code not in controller.both_directions and curve.largest_reversal > NOTHING
     ]
-    held = {
+    loaded = {
         code: curve if code in controller.both_directions else curve.mean()
         for code, curve in curves.items()
     }
-    shifted, constants = _zero_at_reference(held, options, controller)
+    shifted, constants = _zero_at_reference(loaded, options, controller)
     return Wanted(replace(source, curves=shifted), [*rest, *halves, *constants])
 
 
@@ -145,9 +145,13 @@ def holdable(controller: Format, table: ErrorTable) -> tuple[ErrorTable, dict[st
     return replace(source, curves=curves), why_not
 
 
-def _absent_axes(one: Component, axes: Sequence[str]) -> list[str]:
+def _absent_axes(component: Component, axes: Sequence[str]) -> list[str]:
     """List the linear axes that a component moves or depends on, and the machine lacks."""
-    linear = {letter for letter in (one.axis, one.direction, one.times) if letter is not None}
+    linear = {
+        letter
+        for letter in (component.axis, component.direction, component.times)
+        if letter is not None
+    }
     return [axis.upper() for axis in LINEAR_LETTERS if axis in linear - set(axes)]
 
 
@@ -162,13 +166,15 @@ def _half_left(controller: Format, table: ErrorTable, curve: Curve) -> NotHeld:
 
 
 def _left_out(table: ErrorTable, code: str, why: str) -> NotHeld:
-    one = table.curves[code].component
-    if one.kind is Kind.ROTARY_LOCATION and one.is_rotation:
-        return NotHeld(code, float(np.abs(table.curves[code].errors).max()), why, one.unit.symbol)
+    component = table.curves[code].component
+    if component.kind is Kind.ROTARY_LOCATION and component.is_rotation:
+        return NotHeld(
+            code, float(np.abs(table.curves[code].errors).max()), why, component.unit.symbol
+        )
     return NotHeld(code, table.sizes_um[code], why)
 
 
-def _asked(source: ErrorTable, why_not: Mapping[str, str], options: Options) -> list[str]:
+def _requested(source: ErrorTable, why_not: Mapping[str, str], options: Options) -> list[str]:
     if options.components is None:
         return list(source.curves)
     for i, code in enumerate(options.components):
@@ -182,10 +188,10 @@ def _asked(source: ErrorTable, why_not: Mapping[str, str], options: Options) -> 
 
 
 def _is_folded(code: str, curves: Mapping[str, Curve], controller: Format) -> bool:
-    one = COMPONENTS[code]
-    if not controller.folds or one.kind is not Kind.SQUARENESS:
+    component = COMPONENTS[code]
+    if not controller.folds or component.kind is not Kind.SQUARENESS:
         return False
-    return f"E{one.direction}{one.times}".upper() in curves
+    return f"E{component.direction}{component.times}".upper() in curves
 
 
 def _zero_at_reference(
@@ -193,11 +199,11 @@ def _zero_at_reference(
 ) -> tuple[dict[str, Curve], list[NotHeld]]:
     if not isinstance(options, ReferenceOptions):
         return dict(curves), []
-    found, constants = {}, []
+    moved, constants = {}, []
     for code, curve in curves.items():
         at = options.reference_mm.get(str(curve.component.axis), 0.0)
         here = float(curve.at(np.array([at]), FORWARD)[0])
-        found[code] = curve.shifted(-here)
+        moved[code] = curve.shifted(-here)
         if abs(here) > NOTHING:
             constants.append(
                 NotHeld(
@@ -207,7 +213,7 @@ def _zero_at_reference(
                     "is a shift of the axis' zero",
                 )
             )
-    return found, constants
+    return moved, constants
 
 
 def export(controller: Format, table: ErrorTable, options: Options) -> Export:
@@ -231,39 +237,39 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
     """
     wanted = wanted_of(controller, table, options)
     rendered = controller.render(wanted.table, options)
-    for held in rendered.held:
-        _expect_readable(held)
+    for loaded in rendered.loaded:
+        _expect_readable(loaded)
     resampled = [
         Resampled(
-            held.code,
-            held.component.unit.symbol,
-            difference(held, wanted.table.curves[held.code]),
+            loaded.code,
+            loaded.component.unit.symbol,
+            difference(loaded, wanted.table.curves[loaded.code]),
         )
-        for held in rendered.held
+        for loaded in rendered.loaded
     ]
-    checks = [check for held in rendered.held for check in _checks(held, table)]
+    checks = [check for loaded in rendered.loaded for check in _checks(loaded, table)]
     warnings = [*table.warnings, *rendered.warnings]
     if controller.sign is None:
-        stated = SIGN_WORDS[controller.sign_of(options)]
+        meaning = SIGN_WORDS[controller.sign_of(options)]
         warnings.insert(
             len(table.warnings),
-            f"the sign is not verified for {controller.title}: the values are stated as {stated}. "
+            f"the sign is not verified for {controller.title}: the values are stated as {meaning}. "
             "Make one move of the check table before parts are made",
         )
-    warnings += _counted_with_absent_axes(rendered.held, table, options)
+    warnings += _counted_with_absent_axes(rendered.loaded, table, options)
     files = [*rendered.files, _check_file(controller, table, options, checks, wanted.not_held)]
     return Export(
         files=files,
-        not_held=sorted(wanted.not_held, key=lambda one: -one.largest),
+        not_held=sorted(wanted.not_held, key=lambda omitted: -omitted.largest),
         resampling=resampled,
         check=checks,
         warnings=warnings,
-        held=rendered.held,
+        loaded=rendered.loaded,
     )
 
 
 def _counted_with_absent_axes(
-    held: Sequence[Curve], table: ErrorTable, options: Options
+    loaded: Sequence[Curve], table: ErrorTable, options: Options
 ) -> list[str]:
     """Warn where an axis has the number of a three-axis machine, and this one has fewer.
 
@@ -273,14 +279,14 @@ def _counted_with_absent_axes(
     if not options.numbering or options.numbering in options.model_fields_set:
         return []
     numbers: Mapping[str, int | str] = getattr(options, options.numbering)
-    own = [axis for axis in numbers if axis in table.origin.axes]
-    absent = [axis for axis in numbers if axis not in own]
-    used = {str(one.component.axis) for one in held}
-    shifted = [axis for axis in own if axis in used and any(gap < axis for gap in absent)]
+    machine_axes = [axis for axis in numbers if axis in table.origin.axes]
+    absent = [axis for axis in numbers if axis not in machine_axes]
+    used = {str(curve.component.axis) for curve in loaded}
+    shifted = [axis for axis in machine_axes if axis in used and any(gap < axis for gap in absent)]
     if not shifted:
         return []
     written = list_names([f"{axis.upper()} is written as {numbers[axis]}" for axis in shifted])
-    first = dict(zip(own, numbers.values(), strict=False))
+    first = dict(zip(machine_axes, numbers.values(), strict=False))
     return [
         f"the machine has no {list_names([axis.upper() for axis in absent])}, but {written}, as on "
         "a machine with X, Y and Z. Where the controller counts only the axes that there are, "
@@ -289,31 +295,40 @@ def _counted_with_absent_axes(
     ]
 
 
-def _expect_readable(held: Curve) -> None:
+def _expect_readable(curve: Curve) -> None:
     """Refuse values that a reader of the file would take for something else than an error."""
-    largest = max(float(np.abs(errors).max()) for _, errors in held.sides)
-    if held.code in TRANSLATIONS and largest > LARGEST_ERROR_MM * UM_PER_MM:
+    largest = max(float(np.abs(errors).max()) for _, errors in curve.sides)
+    if curve.code in TRANSLATIONS and largest > LARGEST_ERROR_MM * UM_PER_MM:
         raise InvalidContent.of_field(
-            held.code,
+            curve.code,
             f"expected errors within ±{LARGEST_ERROR_MM:g} mm in the file, got {largest:g} µm",
         )
 
 
-def _checks(held: Curve, table: ErrorTable) -> list[Check]:
+def _checks(curve: Curve, table: ErrorTable) -> list[Check]:
     """Choose the position of the largest movement that the axis can go to, for each direction."""
-    one = held.component
-    if one.axis is None or one.is_rotation or one.kind is Kind.SLOPE:
+    component = curve.component
+    if component.axis is None or component.is_rotation or component.kind is Kind.SLOPE:
         return []
-    low, high = table.ranges_mm.get(one.axis, (held.positions_mm[0], held.positions_mm[-1]))
-    nodes = held.positions_mm
+    low, high = table.ranges_mm.get(component.axis, (curve.positions_mm[0], curve.positions_mm[-1]))
+    nodes = curve.positions_mm
     at = np.union1d(nodes[(nodes >= low) & (nodes <= high)], [low, high])
-    found = []
-    for direction, _ in held.sides:
-        errors = held.at(at, direction)
+    checks = []
+    for direction, _ in curve.sides:
+        errors = curve.at(at, direction)
         place = int(np.abs(errors).argmax())
         moved = 0.0 - float(errors[place])
-        found.append(Check(one.code, one.axis, float(at[place]), direction, one.direction, moved))
-    return found
+        checks.append(
+            Check(
+                component.code,
+                component.axis,
+                float(at[place]),
+                direction,
+                component.direction,
+                moved,
+            )
+        )
+    return checks
 
 
 def _check_file(

@@ -56,14 +56,14 @@ _ERROR: Final = re.compile(r"E([XYZ])\s*([+-]?[\d.]+)", re.IGNORECASE | re.ASCII
 def _render(table: ErrorTable, options: ReferenceOptions) -> Rendered:
     lines = [f"; {x}" for x in head(table.origin, FAGOR, options)]
     lines.append("P8 INCHES = 0")
-    held = []
+    curves = []
     for code in [*LINEAR, *CROSSES]:
         if code not in table.curves:
             continue
         loaded = _fitted(table.curves[code]).rounded(10.0**-_DECIMALS * UM_PER_MM)
-        held.append(loaded)
+        curves.append(loaded)
         lines += _cross(loaded) if code in CROSSES else _leadscrew(loaded)
-    return Rendered([ControllerFile("thermap.FGR", "\n".join(lines) + "\n")], held)
+    return Rendered([ControllerFile("thermap.FGR", "\n".join(lines) + "\n")], curves)
 
 
 def _fitted(curve: Curve) -> Curve:
@@ -183,19 +183,19 @@ def _take(section: _Section, line: Line, point: re.Match[str]) -> None:
 
 def _curve_of(section: _Section) -> Curve:
     """Make the curve of one table, which has to be as it says."""
-    stated, line = section.settings, section.line
-    cross = next((i for i, n in enumerate(_CROSS_NAMES) if n[0].split()[1] in stated), None)
+    settings, line = section.settings, section.line
+    cross = next((i for i, n in enumerate(_CROSS_NAMES) if n[0].split()[1] in settings), None)
     count_name = "NPOINTS" if cross is None else _CROSS_NAMES[cross][0].split()[1]
-    if stated.get(count_name) != str(len(section.points)) or len(section.points) < 2:
+    if settings.get(count_name) != str(len(section.points)) or len(section.points) < 2:
         raise line.refuse(
             f"as many points as {count_name} says, at least 2; got {len(section.points)}"
         )
-    if cross is None and stated.get("LSCRWCOM") != "ON":
+    if cross is None and settings.get("LSCRWCOM") != "ON":
         raise line.refuse("LSCRWCOM = ON: the controller ignores the table otherwise")
     output, wanted = section.axis, 2
     if cross is not None:
         names = [name.split()[1] for name in _CROSS_NAMES[cross]]
-        axes = [stated.get(name, "") for name in names[1:]]
+        axes = [settings.get(name, "") for name in names[1:]]
         if any(a not in ("1", "2", "3") for a in axes) or axes[0] == axes[1]:
             raise line.refuse("a moving and a compensated axis of 1 to 3")
         moving, output = (LINEAR_LETTERS[int(a) - 1] for a in axes)

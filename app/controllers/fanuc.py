@@ -138,7 +138,7 @@ def _render(table: ErrorTable, options: FanucOptions) -> Rendered:
     magnification, counts = _magnified(curves, columns, options)
     unit_um = magnification * options.detection_unit_um
     lines = ["%", *_parameters(columns, magnification, options)]
-    held = []
+    rendered_curves = []
     for code in codes:
         axis = code[2].lower()
         increments = np.diff(counts[code], prepend=counts[code][0]) * int(factor)
@@ -147,11 +147,11 @@ def _render(table: ErrorTable, options: FanucOptions) -> Rendered:
         if code in table.curves:
             at = columns.grids_mm[axis]
             summed = counts[code] - counts[code][_place(at, _reference(options, axis))]
-            held.append(Curve(component_named(code), at, summed * unit_um))
+            rendered_curves.append(Curve(component_named(code), at, summed * unit_um))
     lines.append("%")
     return Rendered(
         [ControllerFile("FANUC.DAT", "\n".join(lines) + "\n")],
-        held,
+        rendered_curves,
         [
             f"one unit of compensation is {unit_um:g} µm ({magnification} × detection unit); "
             "switch the control off and on and return to the reference point after loading",
@@ -173,9 +173,9 @@ def _columns(table: ErrorTable, options: FanucOptions) -> _Columns:
     codes = [*pitch, *(code for code in CROSSES if code in table.curves)]
     most = min(options.most_points, ALL_POINTS // len(codes))
     reach = {axis: _reach(table, options, axis) for axis in axes}
-    for kept in range(min(3, most - 1)):
+    for spared in range(min(3, most - 1)):
         spacing = choose_spacing(
-            [*reach.values()], most - kept, options.spacing_mm, "options.spacing_mm"
+            [*reach.values()], most - spared, options.spacing_mm, "options.spacing_mm"
         )
         # The interval is a whole number of its own unit, and wider where that does not come out.
         unit_mm = _interval_unit_um(options) / UM_PER_MM
@@ -199,8 +199,8 @@ def _columns(table: ErrorTable, options: FanucOptions) -> _Columns:
 
 def _reach(table: ErrorTable, options: FanucOptions, axis: str) -> FloatArray:
     """Unite the positions of an axis' curves with its reference point."""
-    own = [c.positions_mm for code, c in table.curves.items() if code[2].lower() == axis]
-    return np.unique(np.concatenate([*own, [_reference(options, axis)]]))
+    along = [c.positions_mm for code, c in table.curves.items() if code[2].lower() == axis]
+    return np.unique(np.concatenate([*along, [_reference(options, axis)]]))
 
 
 def _sampled(table: ErrorTable, code: str, columns: _Columns) -> FloatArray:
@@ -214,13 +214,13 @@ def _magnified(
     curves: Mapping[str, FloatArray], columns: _Columns, options: FanucOptions
 ) -> tuple[int, dict[str, IntArray]]:
     """Round the curves to whole units, with the smallest magnification that lets them fit."""
-    stated = options.magnification
-    tried = [stated] if stated is not None else range(1, _MOST_MAGNIFIED + 1)
+    declared = options.magnification
+    tried = [declared] if declared is not None else range(1, _MOST_MAGNIFIED + 1)
     largest = 0
     for magnification in tried:
         unit_um = magnification * options.detection_unit_um
         counts = {c: np.rint(errors / unit_um).astype(np.intp) for c, errors in curves.items()}
-        largest = max(int(np.abs(np.diff(one)).max()) for one in counts.values())
+        largest = max(int(np.abs(np.diff(units)).max()) for units in counts.values())
         if largest <= options.largest_increment:
             return magnification, counts
     raise InvalidContent.of_field(
@@ -330,12 +330,12 @@ class _Read:
                 continue
             if marks != 1:
                 raise raw.refuse("everything between two lines %")
-            found = _NUMBERED.match(line.text)
-            if found is None:
+            match = _NUMBERED.match(line.text)
+            if match is None:
                 raise raw.refuse("words such as N3620Q1A1P67 or N10000P1")
-            number = int(found[1])
+            number = int(match[1])
             if number in _SINGLE:
-                _set(single, number, _one(line), line)
+                _set(single, number, _number_of(line), line)
             elif number in _BY_AXIS:
                 for axis, value in _pairs(line):
                     _set(by_axis, (number, axis), (line, value), line)
@@ -498,7 +498,7 @@ class _Read:
             line, *others = self.increments[point]
             if others:
                 raise others[0].refuse("each parameter once")
-            counts.append(_one(line))
+            counts.append(_number_of(line))
         sums = np.cumsum([0, *counts])
         unit_um = factor_of(options.sign) * table.magnification * options.detection_unit_um
         errors = (sums - sums[table.reference + 1]) * unit_um
@@ -524,7 +524,7 @@ def _words(line: Line) -> list[tuple[str, str]]:
     return words[1:]
 
 
-def _one(line: Line) -> int:
+def _number_of(line: Line) -> int:
     words = _words(line)
     values = [value for letter, value in words if letter == "P"]
     if len(values) != 1 or any(letter not in "QP" for letter, _ in words):

@@ -25,9 +25,9 @@ Named = TypeVar("Named")
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 
 
-def _split(stated: object) -> object:
+def _split(value: object) -> object:
     """Take a text such as `EXX, EYY`, which is how a list is written on a command line, apart."""
-    return [part.strip() for part in stated.split(",")] if isinstance(stated, str) else stated
+    return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
 
 Codes = Annotated[list[str], Field(max_length=100), BeforeValidator(_split)]
@@ -90,11 +90,11 @@ class HomeOptions(Options):
     )
 
 
-def steps_at_home(held: Sequence[Curve], options: HomeOptions, when: str) -> list[str]:
+def steps_at_home(curves: Sequence[Curve], options: HomeOptions, when: str) -> list[str]:
     """Warn of each axis that does not stand still when its compensation begins to act."""
     warnings = []
     for axis in LINEAR_LETTERS:
-        moving = [curve for curve in held if curve.component.direction == axis]
+        moving = [curve for curve in curves if curve.component.direction == axis]
         home = {a: options.home_mm.get(a, 0.0) for c in moving if (a := c.component.axis)}
         at_home = [
             sum(float(c.at(np.array([home[str(c.component.axis)]]), d)[0]) for c in moving)
@@ -145,7 +145,7 @@ class Rendered:
     """Files, and the curves that a controller holds once it has read them."""
 
     files: Sequence[ControllerFile]
-    held: Sequence[Curve]
+    loaded: Sequence[Curve]
     warnings: Sequence[str] = ()
 
 
@@ -227,8 +227,8 @@ class Format:
 
     def sign_of(self, options: Options) -> Sign:
         """What the values are: the format's own sign, or the stated one."""
-        stated: Sign = getattr(options, "sign", None) or self.sign or "error"
-        return stated
+        sign: Sign = getattr(options, "sign", None) or self.sign or "error"
+        return sign
 
 
 SIGN_WORDS: Final[Mapping[str, str]] = {
@@ -309,17 +309,17 @@ class Reading:
         InvalidContent
             If nothing was read.
         """
-        left = [
+        others = [
             f"left aside: {list_names(dict.fromkeys(names), limit=8)}: {why}"
             for why, names in self._left_aside.items()
         ]
         if not self.curves:
             names = list_names(file.name for file in files)
             raise InvalidContent.of_field(
-                "files", "; ".join([f"expected {self.expected}, got none in {names}", *left])
+                "files", "; ".join([f"expected {self.expected}, got none in {names}", *others])
             )
         ordered = {code: self.curves[code] for code in COMPONENTS if code in self.curves}
-        return Parsed(ordered, [*dict.fromkeys(self.warnings), *left])
+        return Parsed(ordered, [*dict.fromkeys(self.warnings), *others])
 
 
 def component_named(code: str) -> Any:

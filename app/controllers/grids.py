@@ -76,9 +76,9 @@ def choose_spacing(
                 f"points over {span:g} mm, got {stated_mm:g} mm, which needs {needed}",
             )
         return stated_mm
-    own = {even_spacing(p) for p in tables_mm}
+    spacings = {even_spacing(p) for p in tables_mm}
     finest = min(float(np.diff(p).min()) for p in tables_mm)
-    wanted = own.pop() if len(own) == 1 else None
+    wanted = spacings.pop() if len(spacings) == 1 else None
     spacing = max(wanted or finest, span / (most - 1))
     return _up_to_finest(spacing)
 
@@ -161,8 +161,8 @@ def even_positions(
     low, high = float(positions_mm[0]), float(positions_mm[-1])
     through = down_to_finest(low) if through_mm is None else through_mm
     # A grid that is bound to a place may need a point more at either end.
-    for kept in range(min(most - 1, 3)):
-        spacing = choose_spacing([positions_mm], most - kept, stated_mm, field)
+    for spared in range(min(most - 1, 3)):
+        spacing = choose_spacing([positions_mm], most - spared, stated_mm, field)
         grid = even_grid(low, high, spacing, through)
         if grid.size <= most:
             return grid

@@ -33,7 +33,7 @@ def head(
         f"{s} {unsigned(t, 2)}" for s, t in sorted(origin.temperatures_c.items())
     )
     # Defaults, too: another version may have others.
-    stated = options.model_dump(
+    chosen = options.model_dump(
         mode="json", exclude_none=True, exclude=set(controller.options.layout)
     )
     return [
@@ -47,7 +47,7 @@ def head(
             f"values: {values or SIGN_WORDS[controller.sign_of(options)]}",
             *(
                 f"thermap: {controller.name} option {name} = {json.dumps(value)}"
-                for name, value in stated.items()
+                for name, value in chosen.items()
                 if value != {}
             ),
         )
@@ -64,8 +64,8 @@ def machine_named(content: str) -> str | None:
     >>> machine_named("; thermap: machine mcfv5050 (MCFV), model version 3")
     'mcfv5050'
     """
-    found = _MACHINE.search(content)
-    return found[1] if found else None
+    match = _MACHINE.search(content)
+    return match[1] if match else None
 
 
 def options_named(file: ControllerFile, controller: str) -> Iterator[tuple[str, Any]]:

@@ -79,7 +79,7 @@ class HeidenhainOptions(SignedOptions):
 
 
 def _render(table: ErrorTable, options: HeidenhainOptions) -> Rendered:
-    files, held = [], []
+    files, rendered_curves = [], []
     assigned: dict[int, str] = {}
     for axis in axes_of(table):
         curves = [c for c in table.curves.values() if c.component.axis == axis]
@@ -89,14 +89,14 @@ def _render(table: ErrorTable, options: HeidenhainOptions) -> Rendered:
         content = _com(name, power, at, loaded, options)
         files.append(ControllerFile(f"{name}.COM", content, axis=axis))
         assigned[_column(options, axis)] = name
-        held += loaded
+        rendered_curves += loaded
     files.append(_cma(options, [assigned]))
-    points = sum(loaded.positions_mm.size for loaded in held)
+    points = sum(loaded.positions_mm.size for loaded in rendered_curves)
     limits = (
         f"the control limits the sum of all compensation points and the number of .COM files as "
         f"well (module 9095, errors 4 and 5): these are {points} points in {len(assigned)} files"
     )
-    return Rendered(files, held, [limits])
+    return Rendered(files, rendered_curves, [limits])
 
 
 def _cma(options: HeidenhainOptions, lines: Sequence[Mapping[int, str]]) -> ControllerFile:
@@ -119,11 +119,11 @@ def _joint(bands: Sequence[Sequence[ControllerFile]], options: HeidenhainOptions
         }
         for files in bands
     ]
-    found = _cma(options, lines)
+    joint = _cma(options, lines)
     return Joint(
-        [found],
+        [joint],
         [
-            f"{found.name} has a line for each band, with the tables of all of them beside it: "
+            f"{joint.name} has a line for each band, with the tables of all of them beside it: "
             f"{len(lines)} lines from 0, and ACT: 0 makes the first band active"
         ],
     )
@@ -325,19 +325,19 @@ def _assignment(
     if columns[:1] != ["NR"] or not all(map(_NUMBER.fullmatch, columns[1:])):
         raise lines[1].refuse("NR 1 2 3")
     axes = {number: axis for axis, number in options.columns.items()}
-    found: dict[int, dict[str, str]] = {}
+    lines_by_number: dict[int, dict[str, str]] = {}
     for line in lines[2:-1]:
         words = line.text.split()
         number = line.whole(words[0], "the line")
-        if len(words) != len(columns) or number in found:
+        if len(words) != len(columns) or number in lines_by_number:
             raise line.refuse(f"{len(columns) - 1} names of .COM files, each line once")
         pairs = zip(columns[1:], words[1:], strict=True)
-        found[number] = {
+        lines_by_number[number] = {
             w.upper().removesuffix(".COM"): axes.get(int(c), "") for c, w in pairs if w != "-"
         }
-    if active not in found:
+    if active not in lines_by_number:
         raise lines[0].refuse("the number of a line of this table as ACT")
-    return found[active], {name for line in found.values() for name in line}
+    return lines_by_number[active], {name for line in lines_by_number.values() for name in line}
 
 
 def _curves(lines: Sequence[Line], axis: str, options: HeidenhainOptions) -> list[Curve]:

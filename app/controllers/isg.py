@@ -31,8 +31,8 @@ from app.controllers.heads import head
 from app.controllers.iso_names import (
     BY_ISO_NAME,
     DECIMALS,
-    HELD,
     POSITION_DECIMALS,
+    WRITTEN,
     file_factor,
     iso_name,
     why_not_held,
@@ -45,30 +45,32 @@ TITLE: Final = "ISG CSV"
 
 def _render(table: ErrorTable, options: Options) -> Rendered:
     lines = [f"// {x}" for x in head(table.origin, ISG, options)]
-    held: list[Curve] = []
+    rendered_curves: list[Curve] = []
     blocks = []
     single = [c for c in table.curves.values() if not c.component.is_table]
     if single:
-        blocks.append(_block("", frozen([0.0]), single, held))
+        blocks.append(_block("", frozen([0.0]), single, rendered_curves))
     for axis in axes_of(table):
         curves = [c for c in table.curves.values() if c.component.axis == axis]
         at = np.unique(
             np.concatenate([np.round(c.positions_mm, POSITION_DECIMALS) for c in curves])
         )
-        blocks.append(_block(axis.upper(), at, curves, held))
+        blocks.append(_block(axis.upper(), at, curves, rendered_curves))
     for i, block in enumerate(blocks):
         lines += (["#"] if i else []) + block
-    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], held)
+    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], rendered_curves)
 
 
-def _block(argument: str, at: FloatArray, curves: Sequence[Curve], held: list[Curve]) -> list[str]:
+def _block(
+    argument: str, at: FloatArray, curves: Sequence[Curve], rendered_curves: list[Curve]
+) -> list[str]:
     columns = []
     for curve in curves:
         factor = file_factor(curve.component)
         errors = np.round(curve.at(at) * factor, DECIMALS)
         columns.append(errors)
         positions = frozen(at) if curve.component.is_table else frozen([])[:0]
-        held.append(Curve(curve.component, positions, errors / factor))
+        rendered_curves.append(Curve(curve.component, positions, errors / factor))
     names = [iso_name(curve.component) for curve in curves]
     lines = [" ".join([argument, *names]).strip()]
     for i, position in enumerate(at):
@@ -158,7 +160,7 @@ ISG: Final = Format(
     spacing="any, increasing; the errors of an axis share their positions",
     limits="one direction; no nonrigid slopes",
     status=Status.SOURCE,
-    holds=HELD,
+    holds=WRITTEN,
     folds=False,
     both_directions=(),
     options=Options,

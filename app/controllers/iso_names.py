@@ -12,7 +12,9 @@ from typing import Final
 from app.geometry.components import COMPONENTS, Component, Kind
 from app.units import UM_PER_MM, URAD_PER_RAD, Unit
 
-HELD: Final = tuple(code for code, one in COMPONENTS.items() if one.kind is not Kind.SLOPE)
+WRITTEN: Final = tuple(
+    code for code, component in COMPONENTS.items() if component.kind is not Kind.SLOPE
+)
 """All components but nonrigid slopes."""
 
 DECIMALS: Final = 12
@@ -33,7 +35,7 @@ def iso_name(component: Component) -> str:
     return component.iso or component.code
 
 
-BY_ISO_NAME: Final = {iso_name(COMPONENTS[code]): COMPONENTS[code] for code in HELD}
+BY_ISO_NAME: Final = {iso_name(COMPONENTS[code]): COMPONENTS[code] for code in WRITTEN}
 
 
 def file_factor(component: Component) -> float:

@@ -37,9 +37,9 @@ class Line(NamedTuple):
 
     def refuse(self, expected: str) -> InvalidContent:
         """Make the refusal that names file and line, what was expected and what came."""
-        shown = self.text if len(self.text) <= _LONGEST_SHOWN else self.text[:57] + "…"
+        excerpt = self.text if len(self.text) <= _LONGEST_SHOWN else self.text[:57] + "…"
         return InvalidContent.of_field(
-            f"files.{self.file}", f"line {self.number}: expected {expected}, got {shown!r}"
+            f"files.{self.file}", f"line {self.number}: expected {expected}, got {excerpt!r}"
         )
 
     def number_of(self, text: str, what: str) -> float:

@@ -67,13 +67,13 @@ _ROW: Final = re.compile(
 )
 
 
-def _joints_from(stated: object) -> int | tuple[int, ...]:
+def _joints_from(value: object) -> int | tuple[int, ...]:
     """Take the joint of an axis, or several: 1, [1, 2], or "1, 2" as it is typed."""
-    if isinstance(stated, str):
-        words = [word.strip() for word in stated.split(",")]
+    if isinstance(value, str):
+        words = [word.strip() for word in value.split(",")]
         numbers: list[object] = [int(w) if w.isdecimal() and len(w) < 3 else w for w in words]
     else:
-        numbers = list(stated) if isinstance(stated, list | tuple) else [stated]
+        numbers = list(value) if isinstance(value, list | tuple) else [value]
     valid = [n for n in numbers if type(n) is int and 0 <= n <= LAST_JOINT]
     if not valid or len(valid) < len(numbers) or len(set(valid)) < len(valid):
         raise ValueError(
@@ -126,13 +126,13 @@ def _expect_each_joint_once(options: LinuxCncOptions) -> None:
 
 def _render(table: ErrorTable, options: LinuxCncOptions) -> Rendered:
     _expect_each_joint_once(options)
-    files, held, warnings = [], [], []
+    files, curves, warnings = [], [], []
     settings = [f"# {x}" for x in head(table.origin, LINUXCNC, options, _WORDS[options.type])]
     for axis in axes_of(table):
         curve = _fitted(table.curves[curve_code(axis, axis)])
         content, loaded = _rows(curve, options)
         files.append(ControllerFile(f"{axis}.comp", content, axis=axis))
-        held.append(loaded)
+        curves.append(loaded)
         for joint in _several(of_axis(options.joints, axis, "joints")):
             settings += [
                 "",
@@ -140,13 +140,13 @@ def _render(table: ErrorTable, options: LinuxCncOptions) -> Rendered:
                 f"COMP_FILE = {axis}.comp",
                 f"COMP_FILE_TYPE = {options.type}",
             ]
-    warnings += steps_at_home(held, options, "at the first move after homing")
+    warnings += steps_at_home(curves, options, "at the first move after homing")
     warnings.append(
         "LinuxCNC ignores BACKLASH of a joint that has a COMP_FILE, and reads the file at its "
         "start only"
     )
     files.append(ControllerFile(SETTINGS, "\n".join(settings) + "\n", role="settings"))
-    return Rendered(files, held, warnings)
+    return Rendered(files, curves, warnings)
 
 
 _WORDS: Final = {
@@ -266,25 +266,25 @@ class _Ini:
                         section = f"JOINT_{int(joint[1])}"
                         joints.append(int(joint[1]))
                         is_older = is_older or line.text.upper().startswith("[AXIS_")
-                elif (found := _SETTING.fullmatch(line.text)) and found[1].upper() in _READ:
-                    key = (section, found[1].upper())
-                    if settings.setdefault(key, (line, found[2].strip()))[1] != found[2].strip():
+                elif (match := _SETTING.fullmatch(line.text)) and match[1].upper() in _READ:
+                    key = (section, match[1].upper())
+                    if settings.setdefault(key, (line, match[2].strip()))[1] != match[2].strip():
                         raise line.refuse(f"one {key[1]} of [{section}]")
         name = list_names(file.name for file in files)
         return cls(name, settings, list(dict.fromkeys(joints)), is_older)
 
     def says(self, section: str, key: str) -> str | None:
         """Give a setting's value, None where it is not stated."""
-        found = self.settings.get((section, key))
-        return None if found is None else found[1]
+        setting = self.settings.get((section, key))
+        return None if setting is None else setting[1]
 
     def units(self, options: LinuxCncOptions) -> str:
         """Give the unit of all files: what the INI says, else the option."""
-        found = self.settings.get(("TRAJ", "LINEAR_UNITS"))
-        if found is None:
+        setting = self.settings.get(("TRAJ", "LINEAR_UNITS"))
+        if setting is None:
             return options.linear_units
-        line, stated = found
-        units = _UNITS.get(stated.lower())
+        line, word = setting
+        units = _UNITS.get(word.lower())
         if units is None:
             raise line.refuse(f"LINEAR_UNITS of {list_names(_UNITS)}")
         _expect_same(options, "linear_units", units, f"LINEAR_UNITS of {line.file}")
@@ -297,8 +297,8 @@ class _Ini:
         if kinematics:
             if kinematics[0].lower() != "trivkins":
                 return None
-            stated = [w for w in kinematics[1:] if w.lower().startswith("coordinates=")]
-            return _letters(stated[0].partition("=")[2]) if stated else COORDINATES
+            coordinates = [w for w in kinematics[1:] if w.lower().startswith("coordinates=")]
+            return _letters(coordinates[0].partition("=")[2]) if coordinates else COORDINATES
         if self.is_older:
             return COORDINATES
         traj = self.says("TRAJ", "COORDINATES")
@@ -328,13 +328,13 @@ class _Ini:
         kinds = set()
         for joint in joints:
             # The controller's own default is type 0.
-            stated = self.says(f"JOINT_{joint}", "COMP_FILE_TYPE") or "0"
-            if stated not in ("0", "1"):
+            kind = self.says(f"JOINT_{joint}", "COMP_FILE_TYPE") or "0"
+            if kind not in ("0", "1"):
                 line, _ = self.settings[f"JOINT_{joint}", "COMP_FILE_TYPE"]
                 raise line.refuse("COMP_FILE_TYPE 0 or 1")
-            kinds.add(int(stated))
+            kinds.add(int(kind))
             _expect_same(
-                options, "type", int(stated), f"COMP_FILE_TYPE of joint {joint} in {self.name}"
+                options, "type", int(kind), f"COMP_FILE_TYPE of joint {joint} in {self.name}"
             )
         if len(kinds) > 1:
             raise InvalidContent.of_field(
@@ -365,12 +365,12 @@ def _letters(text: str) -> str:
     return re.sub(r"[^A-Z]", "", text.upper())
 
 
-def _expect_same(options: LinuxCncOptions, name: str, stated: object, where: str) -> None:
+def _expect_same(options: LinuxCncOptions, name: str, written: object, where: str) -> None:
     """Refuse an option that contradicts what the INI states."""
     option = getattr(options, name)
-    if name in options.model_fields_set and option != stated:
+    if name in options.model_fields_set and option != written:
         raise InvalidContent.of_field(
-            f"options.{name}", f"expected {stated!r}, as {where} says, got {option!r}"
+            f"options.{name}", f"expected {written!r}, as {where} says, got {option!r}"
         )
 
 
@@ -418,12 +418,12 @@ def _axis_of_joint(joint: int, ini: _Ini, options: LinuxCncOptions) -> str:
             f"or options.joints; got {kinematics or 'neither'}",
         )
     if "joints" in options.model_fields_set:
-        for axis, stated in options.joints.items():
+        for axis, number in options.joints.items():
             moving = {n for n, letter in enumerate(coordinates) if letter.lower() == axis}
-            if moving and set(_several(stated)) != moving:
+            if moving and set(_several(number)) != moving:
                 raise InvalidContent.of_field(
                     f"options.joints.{axis}",
-                    f"expected {sorted(moving)}, as {ini.coordinates_text} says, got {stated}",
+                    f"expected {sorted(moving)}, as {ini.coordinates_text} says, got {number}",
                 )
     if joint >= len(coordinates):
         raise InvalidContent.of_field(
@@ -510,21 +510,21 @@ def _row(
     line: Line, before: Sequence[tuple[float, float, float]], mm: float
 ) -> tuple[tuple[float, float, float], str]:
     """Read one row [mm] as the controller does, and give the text behind its numbers."""
-    found = _ROW.fullmatch(line.text)
-    if found is None:
+    match = _ROW.fullmatch(line.text)
+    if match is None:
         raise line.refuse(
             "three numbers with blanks between them (LinuxCNC ends reading here without a word, "
             "or reads less than what stands there)"
         )
     nominal, plus, minus = (
-        line.number_of(found[i], "a position or trim") * mm for i in range(1, 4)
+        line.number_of(match[i], "a position or trim") * mm for i in range(1, 4)
     )
     if len(before) >= MOST_ROWS:
         raise line.refuse(f"at most {MOST_ROWS} rows (LinuxCNC drops the rest)")
     if before and nominal <= before[-1][0]:
         raise line.refuse("increasing nominal positions (LinuxCNC drops this row)")
-    line.position_mm(found[1])
-    return (nominal, plus, minus), found[4]
+    line.position_mm(match[1])
+    return (nominal, plus, minus), match[4]
 
 
 TITLE: Final = "LinuxCNC COMP_FILE"

@@ -68,7 +68,7 @@ def _render(table: ErrorTable, options: MdsiOptions) -> Rendered:
     per_mm, per_um = options.counts_per_mm, options.counts_per_mm / UM_PER_MM
     factor = factor_of(options.sign)
     lines = [f"# {x}" for x in head(table.origin, MDSI, options)]
-    held = []
+    curves = []
     for axis in axes_of(table):
         curve = table.curves[curve_code(axis, axis)]
         number = LINEAR_LETTERS.index(axis)
@@ -90,7 +90,7 @@ def _render(table: ErrorTable, options: MdsiOptions) -> Rendered:
             ]
         lines.append("#")
         backward = factor * counts[BACKWARD] / per_um
-        held.append(
+        curves.append(
             Curve(
                 curve.component,
                 at,
@@ -98,7 +98,7 @@ def _render(table: ErrorTable, options: MdsiOptions) -> Rendered:
                 None if curve.backward_errors is None else backward,
             )
         )
-    return Rendered([ControllerFile("thermap.tun", "\n".join(lines) + "\n")], held)
+    return Rendered([ControllerFile("thermap.tun", "\n".join(lines) + "\n")], curves)
 
 
 def _counts(curve: Curve, options: MdsiOptions) -> tuple[int, int, int]:

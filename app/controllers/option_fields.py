@@ -88,15 +88,17 @@ def option_fields(controller: Format) -> Iterator[OptionField]:
 
 def _not_null(schema: Mapping[str, Any]) -> Mapping[str, Any]:
     """Give what an option may be beside null, which is the same as leaving it out."""
-    kinds = [one for one in schema.get("anyOf", ()) if one.get("type") != "null"]
+    kinds = [kind for kind in schema.get("anyOf", ()) if kind.get("type") != "null"]
     return kinds[0] if kinds else schema
 
 
 def _of_each(schema: Mapping[str, Any]) -> Mapping[str, Any]:
     """Give what an option with a value for each axis takes of each."""
-    found: Mapping[str, Any]
-    (found,) = schema.get("patternProperties", {}).values() or [schema["additionalProperties"]]
-    return found
+    value_schema: Mapping[str, Any]
+    (value_schema,) = schema.get("patternProperties", {}).values() or [
+        schema["additionalProperties"]
+    ]
+    return value_schema
 
 
 def _takes(schema: Mapping[str, Any], controller: Format) -> tuple[Takes, tuple[Any, ...]]:

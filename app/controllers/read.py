@@ -13,7 +13,7 @@ from app.errors import InvalidContent, repeated
 
 
 def read_files(
-    controller: Format, files: Sequence[ControllerFile], stated: Mapping[str, Any]
+    controller: Format, files: Sequence[ControllerFile], overrides: Mapping[str, Any]
 ) -> tuple[Options, Parsed]:
     """Read a controller's files.
 
@@ -22,7 +22,7 @@ def read_files(
     files
         All files of one controller. Of the check table that lies beside an export the head is
         read: some formats have no place for one.
-    stated
+    overrides
         The format's options. What our files say of how they were written need not be stated.
 
     Raises
@@ -34,13 +34,13 @@ def read_files(
     twice = repeated(file.name for file in files)
     if twice:
         raise InvalidContent.of_field("files", f"expected each name once, got {twice[0]!r} twice")
-    options = _options(controller, files, stated)
+    options = _options(controller, files, overrides)
     tables = [file for file in files if file.name.rpartition("/")[2] != CHECK_FILE]
     return options, replace(controller.parse(tables, options), machine=_machine(files))
 
 
 def _options(
-    controller: Format, files: Sequence[ControllerFile], stated: Mapping[str, Any]
+    controller: Format, files: Sequence[ControllerFile], overrides: Mapping[str, Any]
 ) -> Options:
     """Unite what files and the user state; where both state an option, they have to agree."""
     written: dict[str, Any] = {}
@@ -54,14 +54,14 @@ def _options(
                     "files were written with different options",
                 )
             where.setdefault(name, file.name)
-    options = options_of(controller, {**written, **stated})
-    as_written = options_of(controller, {**stated, **written})
+    options = options_of(controller, {**written, **overrides})
+    as_written = options_of(controller, {**overrides, **written})
     for name in written:
         if getattr(options, name) != getattr(as_written, name):
             raise InvalidContent.of_field(
                 f"options.{name}",
                 f"expected {written[name]!r}, with which {where[name]} says that it was written, "
-                f"got {stated[name]!r}",
+                f"got {overrides[name]!r}",
             )
     return options
 

@@ -22,8 +22,8 @@ from app.controllers.thermap_csv import THERMAP_CSV
 from app.errors import FieldError, InvalidContent, UnknownThing, list_names
 
 FORMATS: Final[Mapping[str, Format]] = {
-    one.name: one
-    for one in (
+    controller.name: controller
+    for controller in (
         LINUXCNC,
         SIEMENS_CEC,
         SIEMENS_ENC_COMP,
@@ -49,12 +49,12 @@ def format_named(name: str) -> Format:
         ) from None
 
 
-def options_of(controller: Format, stated: Mapping[str, Any]) -> Options:
+def options_of(controller: Format, options: Mapping[str, Any]) -> Options:
     """Check what is stated of a format's options.
 
     Parameters
     ----------
-    stated
+    options
         Name to value.
 
     Raises
@@ -64,22 +64,24 @@ def options_of(controller: Format, stated: Mapping[str, Any]) -> Options:
         verified a format's sign.
     """
     try:
-        return controller.options.model_validate(dict(stated))
+        return controller.options.model_validate(dict(options))
     except ValidationError as error:
-        found = [_field_error(controller, one) for one in error.errors()]
-        raise InvalidContent("; ".join(f"{e.field}: {e.message}" for e in found), found) from None
+        problems = [_field_error(controller, problem) for problem in error.errors()]
+        raise InvalidContent(
+            "; ".join(f"{e.field}: {e.message}" for e in problems), problems
+        ) from None
 
 
 def _field_error(controller: Format, error: Mapping[str, Any]) -> FieldError:
     path = [str(part) for part in error["loc"] if part != "[key]"]
-    known = controller.options.model_fields
+    fields = controller.options.model_fields
     field = ".".join(["options", *path])
     if error["type"] == "extra_forbidden":
         return FieldError(
-            field, f"expected the options of {controller.name}: {list_names(known)}; got another"
+            field, f"expected the options of {controller.name}: {list_names(fields)}; got another"
         )
     if error["type"] == "missing":
-        about = known[path[0]].description if path and path[0] in known else ""
+        about = fields[path[0]].description if path and path[0] in fields else ""
         return FieldError(field, f"expected a value, got none. {about}".strip())
     expected = str(error["msg"]).removeprefix("Input should be ").removeprefix("Value error, ")
     if error["type"] == "string_pattern_mismatch":

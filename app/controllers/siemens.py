@@ -59,9 +59,9 @@ class Program:
 
     def leave_rest_aside(self, reading: Reading) -> None:
         """Note the switches that nobody took."""
-        for (name, indices), given in self.switches.items():
+        for (name, indices), switch in self.switches.items():
             reading.leave_aside(
-                f"${name}[{','.join(indices)}]={given.value}", "it switches nothing that is read"
+                f"${name}[{','.join(indices)}]={switch.value}", "it switches nothing that is read"
             )
 
 
@@ -117,7 +117,7 @@ def program(
             begun, ended = True, False
         else:
             begun, ended = True, False
-            name = (found := _VARIABLE.fullmatch(line.text)) and found[1].upper()
+            name = (match := _VARIABLE.fullmatch(line.text)) and match[1].upper()
             if name is None:
                 raise raw.refuse(
                     f"assignments such as ${prefix}[0,0]=+0.0001; what a jump, a condition or a "
@@ -126,11 +126,11 @@ def program(
             if not name.startswith(prefix) and name not in switches:
                 others.append(name)
                 continue
-            given = _assignment(raw, line.text)
+            assignment = _assignment(raw, line.text)
             if name in switches:
-                switched[name, given.indices] = given
+                switched[name, assignment.indices] = assignment
             else:
-                assigned.append(given)
+                assigned.append(assignment)
     if not (begun and ended):
         raise InvalidContent.of_field(
             f"files.{file.name}", f"expected {END} at the end, got none: the file may be cut off"
@@ -141,15 +141,15 @@ def program(
 
 
 def _assignment(line: Line, text: str) -> Assignment:
-    found = _VARIABLE.fullmatch(text)
-    assert found is not None
-    index = _INDEX.fullmatch(found[2] or "")
+    match = _VARIABLE.fullmatch(text)
+    assert match is not None
+    index = _INDEX.fullmatch(match[2] or "")
     if index is None:
         raise line.refuse("indices such as [0,0]")
-    if not _VALUE.fullmatch(found[3]):
+    if not _VALUE.fullmatch(match[3]):
         raise line.refuse("one value, as a number or a name")
     indices = tuple(part.upper() for part in index.groups() if part is not None)
-    return Assignment(line, found[1].upper(), indices, found[3].strip("'() \t"))
+    return Assignment(line, match[1].upper(), indices, match[3].strip("'() \t"))
 
 
 @dataclass
@@ -164,28 +164,28 @@ class EvenTable:
         """Begin with nothing."""
         return cls({}, {})
 
-    def set_value(self, given: Assignment, place: int, value: float) -> None:
+    def set_value(self, assignment: Assignment, place: int, value: float) -> None:
         """Set one value; a second one for the same place is refused."""
         if place in self.values:
-            raise given.line.refuse("each point once")
+            raise assignment.line.refuse("each point once")
         self.values[place] = value
 
-    def set_setting(self, given: Assignment) -> None:
+    def set_setting(self, assignment: Assignment) -> None:
         """Keep one setting; a second one of the same name is refused."""
-        if given.name in self.settings:
-            raise given.line.refuse("each setting once")
-        self.settings[given.name] = given
+        if assignment.name in self.settings:
+            raise assignment.line.refuse("each setting once")
+        self.settings[assignment.name] = assignment
 
     def setting(self, name: str, field: str) -> Assignment:
         """Give a setting, or refuse the table that lacks it."""
-        found = self.settings.get(name)
-        if found is None:
+        assignment = self.settings.get(name)
+        if assignment is None:
             raise InvalidContent.of_field(
                 field,
                 f"expected ${name}, got a table without it: the controller would keep "
                 "what stood there before",
             )
-        return found
+        return assignment
 
     def grid(self, names: Sequence[str], field: str) -> list[float]:
         """Give the positions [mm] from step, minimum and maximum, in this order of `names`.
@@ -196,13 +196,15 @@ class EvenTable:
             If the count does not come out whole, or a point has no value: a gap keeps in the
             controller what stood there before.
         """
-        given = [self.setting(name, field) for name in names]
-        step, low, high = (one.line.position_mm(one.value) for one in given)
+        assignments = [self.setting(name, field) for name in names]
+        step, low, high = (
+            assignment.line.position_mm(assignment.value) for assignment in assignments
+        )
         if not step > 0 or high <= low:
-            raise given[0].line.refuse(f"a step above 0 and a maximum above {low:g} mm")
+            raise assignments[0].line.refuse(f"a step above 0 and a maximum above {low:g} mm")
         sections = round((high - low) / step)
         if abs((high - low) / step - sections) > 1e-4 or sections < 1 or sections > 100_000:
-            raise given[0].line.refuse(
+            raise assignments[0].line.refuse(
                 f"a step that divides {low:g} to {high:g} mm into whole sections"
             )
         missing = sorted(set(range(sections + 1)) - set(self.values))

@@ -45,7 +45,7 @@ FILE: Final = "_N_NC_CEC_INI"
 TITLE: Final = "Siemens 840D sag compensation (CEC)"
 _DIRECTIONS: Final = {None: 0, FORWARD: 1, BACKWARD: -1}
 _PLACED: Final = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
-_KNOWN: Final = frozenset(
+_SETTINGS: Final = frozenset(
     (
         *_PLACED,
         *("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS", "AN_CEC_DIRECTION"),
@@ -91,10 +91,10 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
     unit_um = 10.0**-options.decimals * UM_PER_MM
     lines = [f"%{FILE}", "CHANDATA(1)"]
     lines += [f"; {x}" for x in head(table.origin, SIEMENS_CEC, options)]
-    held = []
+    curves = []
     for curve in table.curves.values():
         loaded = _evenly(curve, options).rounded(unit_um)
-        held.append(loaded)
+        curves.append(loaded)
         for direction, errors in loaded.sides:
             way = None if loaded.backward_errors is None else direction
             values = [fixed(factor * e / UM_PER_MM, options.decimals) for e in errors]
@@ -109,11 +109,11 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
     lines.append(END)
     return Rendered(
         [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
-        held,
+        curves,
         [
             "load CEC tables with MD 32710 CEC_ENABLE off, then switch it on with SD 41300 "
             "CEC_TABLE_ENABLE of each table",
-            *steps_at_home(held, options, "as soon as the tables act"),
+            *steps_at_home(curves, options, "as soon as the tables act"),
         ],
     )
 
@@ -185,14 +185,16 @@ def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
 
 def _tables_of(read: Program) -> dict[int, EvenTable]:
     tables: dict[int, EvenTable] = {}
-    for given in read.assignments:
-        table = tables.setdefault(given.number(0), EvenTable.empty())
-        if given.name == "AN_CEC":
-            table.set_value(given, given.number(1), given.line.error_mm(given.value))
-        elif given.name in _KNOWN:
-            table.set_setting(given)
+    for assignment in read.assignments:
+        table = tables.setdefault(assignment.number(0), EvenTable.empty())
+        if assignment.name == "AN_CEC":
+            table.set_value(
+                assignment, assignment.number(1), assignment.line.error_mm(assignment.value)
+            )
+        elif assignment.name in _SETTINGS:
+            table.set_setting(assignment)
         else:
-            raise given.line.refuse("a known setting of a CEC table")
+            raise assignment.line.refuse("a known setting of a CEC table")
     return tables
 
 
@@ -227,10 +229,10 @@ def _code_of(table: EvenTable, options: CecOptions, field: str) -> str:
 
 
 def _direction_of(table: EvenTable, field: str) -> int:
-    given = table.setting("AN_CEC_DIRECTION", field)
-    if given.value not in ("0", "1", "+1", "-1"):
-        raise given.line.refuse("0 (both), 1 or -1")
-    return int(given.value)
+    setting = table.setting("AN_CEC_DIRECTION", field)
+    if setting.value not in ("0", "1", "+1", "-1"):
+        raise setting.line.refuse("0 (both), 1 or -1")
+    return int(setting.value)
 
 
 def _joined(code: str, sides: dict[tuple[str, int], tuple[list[float], list[float]]]) -> Curve:
@@ -239,27 +241,30 @@ def _joined(code: str, sides: dict[tuple[str, int], tuple[list[float], list[floa
     if (code, 0) in sides:
         at, values = sides[code, 0]
         return Curve(component, frozen(at), frozen(values))
-    one = {
+    by_direction = {
         direction: Curve(component, frozen(at), frozen(values))
         for (c, direction), (at, values) in sides.items()
         if c == code
     }
-    at = sorted({float(p) for curve in one.values() for p in curve.positions_mm})
-    both = [one[d].at(frozen(at)) if d in one else frozen([0.0] * len(at)) for d in (1, -1)]
+    at = sorted({float(p) for curve in by_direction.values() for p in curve.positions_mm})
+    both = [
+        by_direction[d].at(frozen(at)) if d in by_direction else frozen([0.0] * len(at))
+        for d in (1, -1)
+    ]
     return Curve(component, frozen(at), both[0], both[1])
 
 
 def _numbered_by_band(options: CecOptions, _band: int, tables: int) -> CecOptions:
     """Number a band's tables after those before it: SD 41300 switches them from the PLC."""
-    left = options.most_tables - tables
-    if left < 1:
+    room = options.most_tables - tables
+    if room < 1:
         raise InvalidContent.of_field(
             "options.most_tables",
             f"expected at most {options.most_tables} tables over all bands, got more; state a "
             "larger step, or fewer components",
         )
     return options.model_copy(
-        update={"first_table": options.first_table + tables, "most_tables": left}
+        update={"first_table": options.first_table + tables, "most_tables": room}
     )
 
 

@@ -41,7 +41,7 @@ from app.units import UM_PER_MM
 FILE: Final = "_N_AX_EEC_INI"
 TITLE: Final = "Siemens encoder compensation (ENC_COMP)"
 _PLACED: Final = ("AA_ENC_COMP_STEP", "AA_ENC_COMP_MIN", "AA_ENC_COMP_MAX")
-_KNOWN: Final = frozenset((*_PLACED, "AA_ENC_COMP_IS_MODULO"))
+_SETTINGS: Final = frozenset((*_PLACED, "AA_ENC_COMP_IS_MODULO"))
 
 
 class EncCompOptions(ReferenceOptions):
@@ -69,16 +69,16 @@ def _render(table: ErrorTable, options: EncCompOptions) -> Rendered:
     unit_um = 10.0**-options.decimals * UM_PER_MM
     lines = [f"%{FILE}", "CHANDATA(1)"]
     lines += [f"; {x}" for x in head(table.origin, SIEMENS_ENC_COMP, options)]
-    held = []
+    curves = []
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
         loaded = _evenly(table.curves[curve_code(axis, axis)], axis, options).rounded(unit_um)
-        held.append(loaded)
+        curves.append(loaded)
         lines += _lines(loaded, name, options)
     lines.append(END)
     return Rendered(
         [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
-        held,
+        curves,
         ["the controller does not check the size of ENC_COMP values: look at the check table"],
     )
 
@@ -137,19 +137,21 @@ def _parse(files: Sequence[ControllerFile], options: EncCompOptions) -> Parsed:
 
 def _tables_of(read: Program) -> dict[tuple[int, str], EvenTable]:
     tables: dict[tuple[int, str], EvenTable] = {}
-    for given in read.assignments:
-        wanted = 3 if given.name == "AA_ENC_COMP" else 2
-        if len(given.indices) != wanted:
-            raise given.line.refuse("indices such as [0,0,X1], or [0,X1] for a setting")
-        table = tables.setdefault((given.number(0), given.indices[-1]), EvenTable.empty())
-        if given.name == "AA_ENC_COMP":
-            table.set_value(given, given.number(1), given.line.error_mm(given.value))
-        elif given.name in _KNOWN:
-            table.set_setting(given)
-            if given.name.endswith("MODULO") and given.value != "0":
-                raise given.line.refuse("0: a table that repeats is no error of a linear axis")
+    for assignment in read.assignments:
+        wanted = 3 if assignment.name == "AA_ENC_COMP" else 2
+        if len(assignment.indices) != wanted:
+            raise assignment.line.refuse("indices such as [0,0,X1], or [0,X1] for a setting")
+        table = tables.setdefault((assignment.number(0), assignment.indices[-1]), EvenTable.empty())
+        if assignment.name == "AA_ENC_COMP":
+            table.set_value(
+                assignment, assignment.number(1), assignment.line.error_mm(assignment.value)
+            )
+        elif assignment.name in _SETTINGS:
+            table.set_setting(assignment)
+            if assignment.name.endswith("MODULO") and assignment.value != "0":
+                raise assignment.line.refuse("0: a table that repeats is no error of a linear axis")
         else:
-            raise given.line.refuse("a known setting of encoder compensation")
+            raise assignment.line.refuse("a known setting of encoder compensation")
     return tables
 
 

@@ -65,7 +65,7 @@ class TemperatureOptions(SignedOptions):
 def _render(table: ErrorTable, options: TemperatureOptions) -> Rendered:
     factor = factor_of(options.sign)
     lines = [f"; {x}" for x in head(table.origin, SIEMENS_TEMPERATURE, options)]
-    held = []
+    curves = []
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
         curve = table.curves[curve_code(axis, axis)]
@@ -84,9 +84,11 @@ def _render(table: ErrorTable, options: TemperatureOptions) -> Rendered:
             f"$SA_TEMP_COMP_REF_POSITION[{name}]={fixed(p0, 4)}",
         ]
         at = frozen(curve.positions_mm[[0, -1]])
-        held.append(Curve(curve.component, at, (k0 + slope * (at - p0)) * UM_PER_MM, endless=True))
+        curves.append(
+            Curve(curve.component, at, (k0 + slope * (at - p0)) * UM_PER_MM, endless=True)
+        )
     lines.append(END)
-    return Rendered([ControllerFile("TEMP_COMP.SPF", "\n".join(lines) + "\n", "settings")], held)
+    return Rendered([ControllerFile("TEMP_COMP.SPF", "\n".join(lines) + "\n", "settings")], curves)
 
 
 def _fit(curve: Curve, p0_mm: float) -> tuple[float, float]:
@@ -112,15 +114,15 @@ def _parse(files: Sequence[ControllerFile], options: TemperatureOptions) -> Pars
     axes = {name.upper(): axis for axis, name in options.axes.items()}
     reading = Reading("temperature compensation ($SA_TEMP_COMP_SLOPE[X1]=…)")
     for file in files:
-        given: dict[tuple[str, str], Assignment] = {}
+        assignments: dict[tuple[str, str], Assignment] = {}
         read = program(file, "SA_TEMP_COMP", (_TYPE,), reading)
-        for one in read.assignments:
-            if one.name not in NAMES or len(one.indices) != 1:
-                raise one.line.refuse(f"{', '.join(NAMES)} of an axis")
-            if (one.name, one.indices[0]) in given:
-                raise one.line.refuse("each setting once")
-            given[one.name, one.indices[0]] = one
-        for name in dict.fromkeys(name for _, name in given):
+        for assignment in read.assignments:
+            if assignment.name not in NAMES or len(assignment.indices) != 1:
+                raise assignment.line.refuse(f"{', '.join(NAMES)} of an axis")
+            if (assignment.name, assignment.indices[0]) in assignments:
+                raise assignment.line.refuse("each setting once")
+            assignments[assignment.name, assignment.indices[0]] = assignment
+        for name in dict.fromkeys(name for _, name in assignments):
             switch = read.switch(_TYPE, name)
             active = _BOTH if switch is None else _parts(switch)
             why_not = off_by(switch) if switch is not None and not active else None
@@ -129,7 +131,7 @@ def _parse(files: Sequence[ControllerFile], options: TemperatureOptions) -> Pars
             if why_not is not None:
                 reading.leave_aside(f"{name} of {file.name}", why_not)
                 continue
-            reading.add(_line(given, name, axes[name], factor, file.name, active), file.name)
+            reading.add(_line(assignments, name, axes[name], factor, file.name, active), file.name)
         read.leave_rest_aside(reading)
     return reading.parsed(files)
 
@@ -149,19 +151,19 @@ def _parts(switch: Assignment) -> int:
 
 
 def _line(
-    given: dict[tuple[str, str], Assignment],
+    assignments: dict[tuple[str, str], Assignment],
     name: str,
     axis: str,
     factor: float,
     file: str,
     active: int,
 ) -> Curve:
-    missing = [setting for setting in NAMES if (setting, name) not in given]
+    missing = [setting for setting in NAMES if (setting, name) not in assignments]
     if missing:
         raise InvalidContent.of_field(
             f"files.{file}", f"expected ${missing[0]}[{name}] ({NAMES[missing[0]]}), got none"
         )
-    k0, slope, p0 = (given[setting, name] for setting in NAMES)
+    k0, slope, p0 = (assignments[setting, name] for setting in NAMES)
     value_mm, at_mm = k0.line.error_mm(k0.value), p0.line.position_mm(p0.value)
     steep = slope.line.number_of(slope.value, "a slope")
     if not math.fabs(steep) <= _STEEPEST:

@@ -33,25 +33,35 @@ def _render(table: ErrorTable, options: Options) -> Rendered:
     signs = "error = actual minus nominal, compensation = minus the error"
     lines = [f"# {x}" for x in head(table.origin, THERMAP_CSV, options, signs)]
     lines.append(COLUMNS)
-    held = []
+    curves = []
     for curve in table.curves.values():
         loaded = curve.rounded(10.0**-_DECIMALS)
         positions = np.round(curve.positions_mm, _DECIMALS)
-        held.append(Curve(curve.component, positions, loaded.errors, loaded.backward_errors))
-        lines += _rows(held[-1], table.statuses.get(curve.code, ""))
-    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], held)
+        curves.append(Curve(curve.component, positions, loaded.errors, loaded.backward_errors))
+        lines += _rows(curves[-1], table.statuses.get(curve.code, ""))
+    return Rendered([ControllerFile("thermap.csv", "\n".join(lines) + "\n")], curves)
 
 
 def _rows(curve: Curve, status: str) -> list[str]:
-    one = curve.component
+    component = curve.component
     rows = []
     for direction, errors in curve.sides:
         for i, error in enumerate(errors):
-            at = plain(float(curve.positions_mm[i]), _DECIMALS) if one.is_table else ""
-            shown = direction if curve.backward_errors is not None else ""
+            at = plain(float(curve.positions_mm[i]), _DECIMALS) if component.is_table else ""
+            way = direction if curve.backward_errors is not None else ""
             values = (plain(float(v), _DECIMALS) for v in (error, -error))
             rows.append(
-                ",".join([one.code, one.axis or "", at, shown, *values, one.unit.value, status])
+                ",".join(
+                    [
+                        component.code,
+                        component.axis or "",
+                        at,
+                        way,
+                        *values,
+                        component.unit.value,
+                        status,
+                    ]
+                )
             )
     return rows
 

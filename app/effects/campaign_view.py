@@ -110,7 +110,7 @@ class CampaignView:
         return tuple(
             name
             for name, values in self.conditions.temperatures_c.items()
-            if _known(values) and np.nanmax(values) - np.nanmin(values) > self._clearly(name)
+            if _has_values(values) and np.nanmax(values) - np.nanmin(values) > self._clearly(name)
         )
 
     @cached_property
@@ -119,7 +119,7 @@ class CampaignView:
         return tuple(
             name
             for name, values in sorted(self.conditions.states.items())
-            if _known(values) and np.nanmax(values) > np.nanmin(values)
+            if _has_values(values) and np.nanmax(values) > np.nanmin(values)
         )
 
     def changes_where(self, code: str, signal: FloatArray) -> bool:
@@ -133,9 +133,9 @@ class CampaignView:
         signal : ndarray, shape (n,)
             For each row of the campaign, NaN where it is not known.
         """
-        own = signal[self.projection.view(code).rows]
-        own = own[~np.isnan(own)]
-        return bool(own.size) and bool(np.var(own) > LEAST_SCATTER**2 * np.mean(own**2))
+        part = signal[self.projection.view(code).rows]
+        part = part[~np.isnan(part)]
+        return bool(part.size) and bool(np.var(part) > LEAST_SCATTER**2 * np.mean(part**2))
 
     @cached_property
     def _has_own_zero(self) -> BoolArray:
@@ -153,8 +153,8 @@ class CampaignView:
 
     def sensor_of(self, code: str) -> str:
         """Name the sensor that a component of the model is assigned to."""
-        found = self.model.find(code)
-        return found[0].sensor if found else str(COMPONENTS[code].default_sensor)
+        located = self.model.find(code)
+        return located[0].sensor if located else str(COMPONENTS[code].default_sensor)
 
     def map_temperatures(self, sensor: str) -> dict[str, float]:
         """Say what a sensor read in each map [°C]."""
@@ -162,8 +162,8 @@ class CampaignView:
 
     def reference_c(self, sensor: str) -> float:
         """Choose a sensor's reference: its mean over the maps, or over the campaign [°C]."""
-        stated = list(self.map_temperatures(sensor).values())
-        return float(np.mean(stated or np.nanmean(self.conditions.temperature(sensor))))
+        in_maps_c = list(self.map_temperatures(sensor).values())
+        return float(np.mean(in_maps_c or np.nanmean(self.conditions.temperature(sensor))))
 
     def beyond_maps(self, code: str, sensor: str, minus: str = "") -> BeyondMaps | None:
         """Make the driver of a second sensor; None where a map does not state its temperature."""
@@ -174,14 +174,14 @@ class CampaignView:
 
         As far as the record knows: a map from before it counts as measured when all had settled.
         """
-        found = self.model.find(code)
-        if found is None:
+        located = self.model.find(code)
+        if located is None:
             return replace(driver, time_constant_s=time_constant_s)
-        labels = [found[0].labels[row] for row in found[0].scales[0].rows]
+        labels = [located[0].labels[row] for row in located[0].scales[0].rows]
         late = [self._late_in_map(code, label, driver, time_constant_s) for label in labels]
         points = tuple(
-            (own, there if np.isfinite(there) else settled)
-            for (own, settled), there in zip(driver.in_maps_c, late, strict=True)
+            (measured_c, there if np.isfinite(there) else settled)
+            for (measured_c, settled), there in zip(driver.in_maps_c, late, strict=True)
         )
         return replace(driver, in_maps_c=points, time_constant_s=time_constant_s)
 
@@ -189,14 +189,14 @@ class CampaignView:
         """Say what was followed late when a component's map was measured; NaN: not known."""
         measured_s = self._measured_s(code, label)
         signals = (Signal("temperature", name) for name in (driver.sensor, driver.minus) if name)
-        found = [self._late_at(signal, tau_s, measured_s) for signal in signals]
-        return found[0] - sum(found[1:])
+        late = [self._late_at(signal, tau_s, measured_s) for signal in signals]
+        return late[0] - sum(late[1:])
 
     def _measured_s(self, code: str, label: str) -> tuple[float, ...]:
         """Say when a component's maps of a thermal state were measured [s]."""
         if (code, label) not in self._times_of_maps:
-            own = (m for m in maps_of_label(self.maps, label) if code in m.tables)
-            self._times_of_maps[code, label] = tuple(m.measured_at.timestamp() for m in own)
+            concerned = (m for m in maps_of_label(self.maps, label) if code in m.tables)
+            self._times_of_maps[code, label] = tuple(m.measured_at.timestamp() for m in concerned)
         return self._times_of_maps[code, label]
 
     def _late_at(self, signal: Signal, tau_s: float, times_s: tuple[float, ...]) -> float:
@@ -212,16 +212,16 @@ class CampaignView:
     def time_constants_s(self, signal: Signal) -> tuple[float, ...]:
         """List the time constants for which a signal's past is known in the campaign [s]."""
         tried = (minutes * SECONDS_PER_MIN for minutes in TIME_CONSTANTS_MIN)
-        return tuple(tau_s for tau_s in tried if _known(self._lagged(signal, tau_s)))
+        return tuple(tau_s for tau_s in tried if _has_values(self._lagged(signal, tau_s)))
 
     def _lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
         """Give a signal's low-pass, kept for all components that will ask for it, shape (n,)."""
-        found = self._late.get((signal, time_constant_s))
-        if found is None:
-            found = self.conditions.lagged(signal, time_constant_s)
-            if found.nbytes * (len(self._late) + 1) <= LATE_BYTES:
-                self._late[signal, time_constant_s] = found
-        return found
+        late = self._late.get((signal, time_constant_s))
+        if late is None:
+            late = self.conditions.lagged(signal, time_constant_s)
+            if late.nbytes * (len(self._late) + 1) <= LATE_BYTES:
+                self._late[signal, time_constant_s] = late
+        return late
 
     def why_no_lag(self, signal: Signal) -> str:
         """Say why not even the shortest time constant can be tested."""
@@ -257,10 +257,10 @@ class CampaignView:
             How it may have changed from some visit to the next.
         """
         rows = self.projection.view(code).rows
-        own = self._has_own_zero[rows]
+        has_zero = self._has_own_zero[rows]
         visits, blocks = self.rows.visit[rows], self.rows.block[rows]
         is_long = len(np.unique(blocks)) > len(np.unique(visits))
-        if is_long or len(np.unique(visits[~own])) > 1:
+        if is_long or len(np.unique(visits[~has_zero])) > 1:
             return list(shapes)
         columns = self.projection.columns([[Term(code, Always(), shape)] for shape in shapes])
         zeros = np.column_stack([visits, self.rows.channel[rows]])
@@ -279,12 +279,12 @@ class CampaignView:
 
     def positions_mm(self, code: str) -> FloatArray:
         """Give the positions of a component's table [mm]; none without one."""
-        found = self.model.find(code)
-        return positions_of(found[1] if found else None)
+        located = self.model.find(code)
+        return positions_of(located[1] if located else None)
 
     def _clearly(self, sensor: str) -> float:
-        known = self.machine.sensors.get(sensor)
-        return MOST_RESOLUTIONS * known.resolution_c if known else 0.0
+        declared = self.machine.sensors.get(sensor)
+        return MOST_RESOLUTIONS * declared.resolution_c if declared else 0.0
 
 
 def beyond_maps(
@@ -302,15 +302,15 @@ def beyond_maps(
     BeyondMaps, or None
         None where the model lacks the component or a map does not state a temperature.
     """
-    found = model.find(code)
-    if found is None:
+    located = model.find(code)
+    if located is None:
         return None
-    group, scale = found[0], found[0].scales[0]
-    stated, less = (temperatures_of_maps(model, maps, name) for name in (sensor, minus))
+    group, scale = located[0], located[0].scales[0]
+    in_maps_c, less = (temperatures_of_maps(model, maps, name) for name in (sensor, minus))
     labels = [group.labels[row] for row in scale.rows]
-    if not all(label in stated and (not minus or label in less) for label in labels):
+    if not all(label in in_maps_c and (not minus or label in less) for label in labels):
         return None
-    there = [stated[label] - (less[label] if minus else 0.0) for label in labels]
+    there = [in_maps_c[label] - (less[label] if minus else 0.0) for label in labels]
     points = tuple(zip(scale.temperatures_c, there, strict=True))
     goes_on = model.machine.out_of_range is OutOfRange.EXTRAPOLATE
     return BeyondMaps(sensor, minus, scale.sensor, points, goes_on=goes_on)
@@ -337,12 +337,12 @@ def travel_of(
     if component.axis in model.machine.axes:
         return model.machine.axes[component.axis]
     members = [m for group in model.groups for m in group.members]
-    known = [m.positions_mm for m in members if m.component.axis == component.axis]
-    every = np.concatenate([np.empty(0), *known])
+    positions = [m.positions_mm for m in members if m.component.axis == component.axis]
+    every = np.concatenate([np.empty(0), *positions])
     if every.size < 2 and positions_mm is not None:
         every = positions_mm
     return Travel(float(every.min()), float(every.max())) if every.size else None
 
 
-def _known(values: FloatArray) -> bool:
+def _has_values(values: FloatArray) -> bool:
     return bool(np.mean(~np.isnan(values)) >= KNOWN_SHARE)

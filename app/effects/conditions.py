@@ -53,12 +53,12 @@ def _parabolas() -> FloatArray:
     none, and 1 to m times to either side.
     """
     at = np.arange(len(ABOUT_S)) - len(ABOUT_S) // 2
-    found = np.zeros((len(ABOUT_S) // 2 + 1, len(ABOUT_S)))
-    for reach, weights in enumerate(found):
-        own = np.abs(at) <= reach
-        powers = np.vander(at[own], min(3, 2 * reach + 1), increasing=True)
-        weights[own] = np.linalg.pinv(powers)[0]
-    return found
+    parabolas = np.zeros((len(ABOUT_S) // 2 + 1, len(ABOUT_S)))
+    for reach, weights in enumerate(parabolas):
+        near = np.abs(at) <= reach
+        powers = np.vander(at[near], min(3, 2 * reach + 1), increasing=True)
+        weights[near] = np.linalg.pinv(powers)[0]
+    return parabolas
 
 
 PARABOLA: Final = _parabolas()
@@ -193,22 +193,24 @@ class RecordedLags(Lags):
 
     def lagged(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Give a signal's low-pass at times (`Filtered.at`)."""
-        found = self._filter(signal, time_constant_s)
+        filtered = self._filter(signal, time_constant_s)
         return (
-            super().lagged(signal, time_constant_s, times_s) if found is None else found.at(times_s)
+            super().lagged(signal, time_constant_s, times_s)
+            if filtered is None
+            else filtered.at(times_s)
         )
 
     def from_start(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FromStart:
         """Give a signal's low-pass from the beginning of its record (`Filtered.from_start`)."""
-        found = self._filter(signal, time_constant_s)
-        return FromStart.unknown(len(times_s)) if found is None else found.from_start(times_s)
+        filtered = self._filter(signal, time_constant_s)
+        return FromStart.unknown(len(times_s)) if filtered is None else filtered.from_start(times_s)
 
     def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Say which share of a signal's low-pass rests on gaps (`Filtered.unread_at`)."""
-        found = self._filter(signal, time_constant_s)
-        if found is None:
+        filtered = self._filter(signal, time_constant_s)
+        if filtered is None:
             return super().unread(signal, time_constant_s, times_s)
-        return found.unread_at(times_s)
+        return filtered.unread_at(times_s)
 
     def played(self, signal: Signal, half_width: float, times_s: FloatArray) -> FloatArray:
         """Give what follows a signal with play (`play_at`)."""
@@ -251,8 +253,8 @@ class RecordedLags(Lags):
         return 0.0 if recording is None else max(time_s - float(recording.times_s[0]), 0.0)
 
     def _recording(self, signal: Signal) -> Recording | None:
-        found = self.recordings.get((signal.kind, signal.name))
-        return None if found is None or found.times_s.size == 0 else found
+        recording = self.recordings.get((signal.kind, signal.name))
+        return None if recording is None or recording.times_s.size == 0 else recording
 
     def _filter(self, signal: Signal, tau_s: float) -> Filtered | None:
         key, recording = (signal, tau_s), self._recording(signal)
@@ -408,18 +410,18 @@ class Conditions:
 
     def temperature(self, sensor: str) -> FloatArray:
         """Give a sensor's temperatures, shape (n,) [°C], NaN where there is none."""
-        found = self.temperatures_c.get(sensor)
-        return np.full(len(self), np.nan) if found is None else found
+        values = self.temperatures_c.get(sensor)
+        return np.full(len(self), np.nan) if values is None else values
 
     def state(self, name: str) -> FloatArray:
         """Give a state, shape (n,), NaN where it is not known."""
-        found = self.states.get(name)
-        return np.full(len(self), np.nan) if found is None else found
+        values = self.states.get(name)
+        return np.full(len(self), np.nan) if values is None else values
 
     def lagged(self, signal: Signal, time_constant_s: float) -> FloatArray:
         """Give a signal's low-pass, shape (n,), NaN without five time constants of history."""
-        found = self.late.get((signal, time_constant_s))
-        return self.lags.lagged(signal, time_constant_s, self.times_s) if found is None else found
+        late = self.late.get((signal, time_constant_s))
+        return self.lags.lagged(signal, time_constant_s, self.times_s) if late is None else late
 
     def driven(self, driver: Drives) -> FloatArray:
         """Give a driver, shape (n,); the last one is kept, as one shape asks after the other."""
@@ -445,8 +447,8 @@ class Conditions:
         middle = len(ABOUT_S) // 2
         both = is_known[:, middle + 1 :] & is_known[:, :middle][:, ::-1]
         reach = np.cumprod(both, axis=1).sum(axis=1)
-        found: FloatArray = np.sum(PARABOLA[reach] * np.where(is_known, read, 0.0), axis=1)
-        return np.where(is_known[:, middle], found, np.nan)[place]
+        smoothed: FloatArray = np.sum(PARABOLA[reach] * np.where(is_known, read, 0.0), axis=1)
+        return np.where(is_known[:, middle], smoothed, np.nan)[place]
 
     def is_known_later(self, sensor: str, by_s: float | FloatArray) -> BoolArray:
         """Say where it is known what a sensor read some time later, or earlier, shape (n,)."""
@@ -465,10 +467,10 @@ class Conditions:
             """Of rows that were picked out already, pick out of the same whole."""
             if not isinstance(signals, SomeRows):
                 return SomeRows(signals, rows)
-            own = id(signals.rows)
-            if own not in places:
-                places[own] = signals.rows[rows]
-            return SomeRows(signals.signals, places[own])
+            key = id(signals.rows)
+            if key not in places:
+                places[key] = signals.rows[rows]
+            return SomeRows(signals.signals, places[key])
 
         return Conditions(
             self.times_s[rows],
@@ -552,16 +554,16 @@ def recordings_of(
 ) -> dict[tuple[str, str], Recording]:
     """Take a record apart into its signals."""
     begins_s = beginnings(times_read(history, state_readings), rested_s(sensors))
-    found: dict[tuple[str, str], Recording] = {}
+    recordings: dict[tuple[str, str], Recording] = {}
     for name, sensor in sensors.items():
         if name in history.temperatures_c:
-            times, values = history.known(name)
-            found["temperature", name] = Recording(times, values, sensor.max_age_s, begins_s)
+            times, values = history.series(name)
+            recordings["temperature", name] = Recording(times, values, sensor.max_age_s, begins_s)
     gap_s = state_gap_s(sensors)
     for name, readings in _state_readings(state_readings).items():
         times, values = np.array(readings, dtype=float).T
-        found["state", name] = Recording(times, values, gap_s, begins_s)
-    return found
+        recordings["state", name] = Recording(times, values, gap_s, begins_s)
+    return recordings
 
 
 def times_read(
@@ -589,8 +591,8 @@ def _state_readings(
     readings: Sequence[tuple[float, Mapping[str, float]]],
 ) -> dict[str, list[tuple[float, float]]]:
     """List the times [s] and values of each state."""
-    found: dict[str, list[tuple[float, float]]] = {}
+    by_state: dict[str, list[tuple[float, float]]] = {}
     for time_s, state in readings:
         for name, value in state.items():
-            found.setdefault(name, []).append((time_s, value))
-    return found
+            by_state.setdefault(name, []).append((time_s, value))
+    return by_state

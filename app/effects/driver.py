@@ -89,8 +89,8 @@ def _along(t: FloatArray, scale: tuple[float, ...], values: Sequence[float]) -> 
         return np.where(np.isnan(t), np.nan, heights[0])
     lower = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, nodes.size - 2)
     slope = np.diff(heights) / np.diff(nodes)
-    found: FloatArray = heights[lower] + slope[lower] * (t - nodes[lower])
-    return found
+    interpolated: FloatArray = heights[lower] + slope[lower] * (t - nodes[lower])
+    return interpolated
 
 
 def _with_zero(learnt: tuple[float, float]) -> tuple[float, float]:
@@ -246,8 +246,8 @@ class BeyondMaps(Driver):
         value = _read(conditions, self.sensor, self.time_constant_s)
         if self.minus:
             value = value - _read(conditions, self.minus, self.time_constant_s)
-        found: FloatArray = value - self._in_maps(conditions.temperature(self.own))
-        return found
+        beyond: FloatArray = value - self._in_maps(conditions.temperature(self.own))
+        return beyond
 
     def _in_maps(self, own_c: FloatArray) -> FloatArray:
         scale, there = zip(*self.in_maps_c, strict=True)
@@ -275,7 +275,7 @@ class BeyondMaps(Driver):
 
         Both are straight between their nodes, so their difference is largest at one of them.
         """
-        at = np.unique([t for one in (self, other) for t, _ in one.in_maps_c])
+        at = np.unique([t for driver in (self, other) for t, _ in driver.in_maps_c])
         by = self._in_maps(at) - other._in_maps(at)
         return learnt[0] + float(by.min()), learnt[1] + float(by.max())
 
@@ -301,8 +301,8 @@ class Curvature(Driver):
         """
         scale, t = np.array(self.temperatures_c), conditions.temperature(self.sensor)
         lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, scale.size - 2)
-        found: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
-        return found
+        product: FloatArray = (t - scale[lower]) * (t - scale[lower + 1])
+        return product
 
     def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
         """Include 0, which it is at every map."""

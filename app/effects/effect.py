@@ -141,10 +141,10 @@ StoredEffect: TypeAlias = Annotated[
 
 def by_driver(terms: Iterable[Term]) -> dict[tuple[Driver, Range | None], list[Term]]:
     """Put the terms of an effect together that have one driver, and so one range."""
-    found: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
+    grouped: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
     for term in terms:
-        found[term.driver, term.learnt].append(term)
-    return found
+        grouped[term.driver, term.learnt].append(term)
+    return grouped
 
 
 def _pooled(terms: Sequence[Term]) -> tuple[Term, ...]:

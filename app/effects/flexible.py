@@ -64,7 +64,7 @@ def flexible_versions(
     amplitudes = unit_terms(theta)
     every = [term for terms in amplitudes for term in terms]
     first = amplitudes[:1]
-    made = {
+    by_change = {
         "it varies differently along the axis": _columns(projection, first, _powers()),
         "it depends differently on its driver": _columns(
             projection, amplitudes, _of_driver(projection, every)
@@ -79,13 +79,16 @@ def flexible_versions(
     if time_constants is not None and theta is not None:
         low, high = time_constants
         beside = [t for m in OTHER_TIMES if low <= (t := m * theta) <= high]
-        made["part of it responds faster or slower"] = np.hstack(
+        by_change["part of it responds faster or slower"] = np.hstack(
             [
                 np.zeros((len(projection.rows), 0)),
                 *(projection.columns(unit_terms(t)) for t in beside),
             ]
         )
-    versions = [*made.items(), *((HYSTERESIS, columns) for columns in _plays(projection, every))]
+    versions = [
+        *by_change.items(),
+        *((HYSTERESIS, columns) for columns in _plays(projection, every)),
+    ]
     return [
         Flexible(words, parts)
         for words, columns in versions
@@ -97,13 +100,13 @@ def _columns(
     projection: Projection, amplitudes: Sequence[Sequence[Term]], weights: Sequence[Weight]
 ) -> FloatArray:
     """Lay terms out over all rows, weighted in each way; shape (n, amplitudes · weights)."""
-    found = np.zeros((len(projection.rows), len(amplitudes) * len(weights)))
+    columns = np.zeros((len(projection.rows), len(amplitudes) * len(weights)))
     for j, terms in enumerate(amplitudes):
         for term in terms:
             view, errors = projection.errors(term)
             for w, weight in enumerate(weights):
-                found[view.rows, j * len(weights) + w] += errors * weight(term, view)
-    return np.nan_to_num(found, nan=0.0)
+                columns[view.rows, j * len(weights) + w] += errors * weight(term, view)
+    return np.nan_to_num(columns, nan=0.0)
 
 
 def _lively(columns: FloatArray) -> FloatArray:
@@ -121,8 +124,8 @@ def _power(exponent: int, _: Term, view: View) -> FloatArray:
     low, high = np.nanmin(at, initial=np.inf), np.nanmax(at, initial=-np.inf)
     if not high > low:
         return np.zeros(at.shape)
-    found: FloatArray = ((2.0 * at - low - high) / (high - low)) ** exponent
-    return found
+    power: FloatArray = ((2.0 * at - low - high) / (high - low)) ** exponent
+    return power
 
 
 def _of_driver(projection: Projection, terms: Sequence[Term]) -> list[Weight]:
@@ -135,8 +138,8 @@ def _of_driver(projection: Projection, terms: Sequence[Term]) -> list[Weight]:
 
 
 def _driver_power(largest: float, exponent: int, term: Term, view: View) -> FloatArray:
-    found: FloatArray = (term.driver.at(view.conditions) / largest) ** exponent
-    return found
+    power: FloatArray = (term.driver.at(view.conditions) / largest) ** exponent
+    return power
 
 
 def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray]:
@@ -147,11 +150,11 @@ def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray
     """
     codes = {term.component for term in terms}
     is_moving = not all(isinstance(term.driver, Always) or term.is_reversing for term in terms)
-    found = projection.model.find(min(codes)) if len(codes) == 1 and is_moving else None
-    if found is None:
+    located = projection.model.find(min(codes)) if len(codes) == 1 and is_moving else None
+    if located is None:
         return
     view = projection.view(min(codes))
-    sensor, conditions = found[0].sensor, view.conditions
+    sensor, conditions = located[0].sensor, view.conditions
     temperatures_c = conditions.temperature(sensor)
     known_c = temperatures_c[np.isfinite(temperatures_c)]
     range_k = float(np.ptp(known_c)) if known_c.size else 0.0
@@ -179,8 +182,8 @@ def _waves(projection: Projection) -> list[Weight]:
 
 
 def _wave(began_s: float, half_period_s: float, _: Term, view: View) -> FloatArray:
-    found: FloatArray = np.cos(np.pi * (view.conditions.times_s - began_s) / half_period_s)
-    return found
+    wave: FloatArray = np.cos(np.pi * (view.conditions.times_s - began_s) / half_period_s)
+    return wave
 
 
 def _stretches(projection: Projection) -> list[Weight]:
@@ -194,8 +197,8 @@ def _stretches(projection: Projection) -> list[Weight]:
     return [partial(_in_stretch, stretch == s) for s in range(stretches)]
 
 
-def _in_stretch(own: BoolArray, _: Term, view: View) -> FloatArray:
-    return own[view.rows].astype(float)
+def _in_stretch(stretch: BoolArray, _: Term, view: View) -> FloatArray:
+    return stretch[view.rows].astype(float)
 
 
 def _by_component(terms: Sequence[Term]) -> list[Weight]:
@@ -209,18 +212,18 @@ def _of_component(code: str, term: Term, view: View) -> FloatArray:
 
 def _offset(projection: Projection, terms: Sequence[Term]) -> FloatArray:
     """A constant of each component, and one along its axis."""
-    found = np.zeros((len(projection.rows), 0))
+    columns = np.zeros((len(projection.rows), 0))
     for shapes in _constants(terms):
-        found = np.hstack([found, projection.columns([[term] for term in shapes])])
-    return np.nan_to_num(found, nan=0.0)
+        columns = np.hstack([columns, projection.columns([[term] for term in shapes])])
+    return np.nan_to_num(columns, nan=0.0)
 
 
 def _constants(terms: Sequence[Term]) -> Iterator[list[Term]]:
     if all(isinstance(term.driver, Always) for term in terms):
         return
     for code in dict.fromkeys(term.component for term in terms):
-        own = [term for term in terms if term.component == code]
+        of_component = [term for term in terms if term.component == code]
         shapes: dict[Shape, None] = dict.fromkeys(
-            [Everywhere(), *(t.shape for t in own if isinstance(t.shape, OfPosition))]
+            [Everywhere(), *(t.shape for t in of_component if isinstance(t.shape, OfPosition))]
         )
         yield [Term(code, Always(), shape) for shape in shapes]

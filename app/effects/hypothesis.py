@@ -244,15 +244,15 @@ class Hypothesis(Traits):
         estimate
             Coefficients in the units of the terms.
         """
-        found = self.report(estimate) if self.report else self._reported(estimate)
+        report = self.report(estimate) if self.report else self._reported(estimate)
         return Effect(
             kind=self.kind,
             variant=self.variant,
             components=self.components,
             sensors=self.sensors,
             states=self.states,
-            parameters=found.parameters,
-            standard_errors=found.standard_errors,
+            parameters=report.parameters,
+            standard_errors=report.standard_errors,
             # A mistake in the data adds nothing to the model.
             terms=()
             if self.supposed
@@ -296,10 +296,10 @@ def _in_series(unit_terms: Callable[[float | None], Amplitudes], theta: float | 
     first, second = (unit_terms(share * float(theta or 0.0)) for share in (1.0, SECOND_BODY))
     return [
         [
-            *(term.times(1.0 / (1.0 - SECOND_BODY)) for term in one),
+            *(term.times(1.0 / (1.0 - SECOND_BODY)) for term in terms),
             *(term.times(-SECOND_BODY / (1.0 - SECOND_BODY)) for term in other),
         ]
-        for one, other in zip(first, second, strict=True)
+        for terms, other in zip(first, second, strict=True)
     ]
 
 

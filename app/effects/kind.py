@@ -155,11 +155,12 @@ class EffectKind(ABC):
         lacking = [reason for need in sorted(self.needs) if (reason := _lacks(view, need))]
         if lacking:
             return Proposals(not_testable=[NotTested(self.kind, "", lacking[0])])
-        found = self.propose(view)
+        proposals = self.propose(view)
         hypotheses = [
-            replace(h, only_once=self.only_once, trending=self.trending) for h in found.hypotheses
+            replace(h, only_once=self.only_once, trending=self.trending)
+            for h in proposals.hypotheses
         ]
-        return Proposals(hypotheses, found.not_testable)
+        return Proposals(hypotheses, proposals.not_testable)
 
     def which_map(self, variant: str) -> str:
         """Give the label of the one map that a variant is about; empty where it is about none."""
@@ -274,7 +275,7 @@ def together_and_each(codes: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def time_constants_s(
-    kind: EffectKind, view: CampaignView, signal: Signal, found: Proposals, late: str = ""
+    kind: EffectKind, view: CampaignView, signal: Signal, proposals: Proposals, late: str = ""
 ) -> tuple[float, ...]:
     """List the time constants that can be tested [s]; say why where there are none.
 
@@ -286,7 +287,7 @@ def time_constants_s(
     grid_s = view.time_constants_s(signal)
     if not grid_s:
         what = ", ".join(filter(None, (signal.name, late)))
-        found.not_testable.append(kind.refuse(what, view.why_no_lag(signal)))
+        proposals.not_testable.append(kind.refuse(what, view.why_no_lag(signal)))
     return grid_s
 
 
@@ -296,13 +297,13 @@ def by_comparable_shapes(
     propose: Callable[[str, list[Shape]], Iterable[Hypothesis]],
 ) -> Proposals:
     """Propose what changes from visit to visit, in the shapes in which it would show."""
-    found = Proposals()
+    proposals = Proposals()
     for code in view.components:
         shapes = view.comparable_shapes(code, view.shapes(code))
-        found.hypotheses.extend(propose(code, shapes) if shapes else ())
+        proposals.hypotheses.extend(propose(code, shapes) if shapes else ())
         if not shapes:
-            found.not_testable.append(kind.refuse(code, OWN_ZEROS))
-    return found
+            proposals.not_testable.append(kind.refuse(code, OWN_ZEROS))
+    return proposals
 
 
 def constant_sensors(kind: EffectKind, view: CampaignView) -> list[NotTested]:

@@ -192,8 +192,8 @@ class Filtered(NamedTuple):
     def starts(self) -> IntArray:
         """Place of the reading with which each one's record began, shape (n,)."""
         begins = self.times_s == self.since_s
-        found: IntArray = np.maximum.accumulate(np.where(begins, np.arange(begins.size), 0))
-        return found
+        latest_start: IntArray = np.maximum.accumulate(np.where(begins, np.arange(begins.size), 0))
+        return latest_start
 
     @property
     def first(self) -> FloatArray:
@@ -227,9 +227,9 @@ class Filtered(NamedTuple):
             NaN before five time constants of record, where no reading is near, and where too much
             of the output rests on gaps.
         """
-        found, before = self._between(wanted_s)
+        values, before = self._between(wanted_s)
         settled = wanted_s - self.since_s[before] >= SETTLED * self.time_constant_s
-        return np.where(settled, found, np.nan)
+        return np.where(settled, values, np.nan)
 
     def from_start(self, wanted_s: FloatArray) -> FromStart:
         """Give the low-pass between its readings, settled or not, with the start of its record.
@@ -242,9 +242,9 @@ class Filtered(NamedTuple):
         ([20.0], [120.0])
         """
         outputs, before = self._between(wanted_s)
-        known = (self.first[before], self.since_s[before], self.moved_s[before])
+        parts = (self.first[before], self.since_s[before], self.moved_s[before])
         is_known = np.isfinite(outputs)
-        return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in known))
+        return FromStart(outputs, *(np.where(is_known, part, np.nan) for part in parts))
 
     def unread_at(self, wanted_s: FloatArray) -> FloatArray:
         """Say which share rests on gaps at times, shape (m,); NaN before the record."""
@@ -266,10 +266,10 @@ class Filtered(NamedTuple):
         rise = np.where(between, inputs[after] - inputs[before], 0.0)
         slope = rise / np.where(between, span, 1.0)
         elapsed = wanted_s - times[before]
-        found = _advance(outputs[before], inputs[before], slope, elapsed, self.time_constant_s)
+        advanced = _advance(outputs[before], inputs[before], slope, elapsed, self.time_constant_s)
         is_read = self.unread_at(wanted_s) <= UNREAD
         is_known = (at >= 0) & (between | (elapsed <= self.max_gap_s)) & is_read
-        return np.where(is_known, found, np.nan), before
+        return np.where(is_known, advanced, np.nan), before
 
 
 def beginnings(times_s: FloatArray, rested_s: float = RESTED_S) -> FloatArray:
@@ -406,13 +406,13 @@ def _starts(times_s: FloatArray, begins_s: FloatArray | None) -> tuple[BoolArray
     return starts, times_s - begins_s[np.maximum(run, 0)] <= TOGETHER_S
 
 
-def _recursion(first: float, kept: FloatArray, added: FloatArray) -> FloatArray:
+def _recursion(first: float, decays: FloatArray, added: FloatArray) -> FloatArray:
     """Solve y_{i+1} = kept_i y_i + added_i as a system of two diagonals."""
-    diagonals = np.ones((2, kept.size + 1), order="F")
-    diagonals[1, :-1] = -kept
+    diagonals = np.ones((2, decays.size + 1), order="F")
+    diagonals[1, :-1] = -decays
     right = np.concatenate([[first], added])
-    found: FloatArray = dtbsv(1, diagonals, right, lower=1, diag=1, overwrite_x=1)
-    return found
+    filtered: FloatArray = dtbsv(1, diagonals, right, lower=1, diag=1, overwrite_x=1)
+    return filtered
 
 
 def _advance(
@@ -424,5 +424,5 @@ def _advance(
 ) -> FloatArray:
     """Solve the equation over one step from output y, input u and the input's slope."""
     lost = -np.expm1(-np.asarray(step_s) / time_constant_s)
-    found: FloatArray = y + (u - y) * lost + slope * (step_s - time_constant_s * lost)
-    return found
+    output: FloatArray = y + (u - y) * lost + slope * (step_s - time_constant_s * lost)
+    return output

@@ -36,7 +36,7 @@ class MapReading(NamedTuple):
         By rows of the group's matrix, sum 0; NaN where a temperature is not known.
     temperatures_c : ndarray, shape (n,) [°C]
         At which temperature of it.
-    found
+    brackets
         Where that temperature lies among those of the maps.
     is_known : ndarray, shape (n,)
         Whether it is known.
@@ -51,7 +51,7 @@ class MapReading(NamedTuple):
     weights: FloatArray
     sensor: str
     temperatures_c: FloatArray
-    found: Brackets
+    brackets: Brackets
     is_known: BoolArray
     is_refused: BoolArray
     is_read: BoolArray
@@ -60,9 +60,9 @@ class MapReading(NamedTuple):
     @property
     def status(self) -> StatusArray:
         """Give the status of that temperature, `no-reading` where it is not known."""
-        status = self.found.status
+        status = self.brackets.status
         if self.is_followed:
-            status = np.where(self.found.is_refused, OUTSIDE_MAPS, status)
+            status = np.where(self.brackets.is_refused, OUTSIDE_MAPS, status)
         return np.where(self.is_known, status, NO_READING)
 
     def times(self, factor: float | FloatArray) -> MapReading:
@@ -118,15 +118,15 @@ def slope(
         As for `moved`; at a map it is the derivative upwards, beyond the maps that of the last two.
     """
     scale = group.scales[0]
-    found = model.brackets(group, scale, temperatures_c)
-    spans = np.diff(scale.temperatures_c)[found.lower]
-    is_known = ~np.isnan(found.weight)
+    brackets = model.brackets(group, scale, temperatures_c)
+    spans = np.diff(scale.temperatures_c)[brackets.lower]
+    is_known = ~np.isnan(brackets.weight)
     share = np.where(is_known, by_k / spans, np.nan)
     return MapReading(
-        of_two_maps(scale, found.lower, -share, share),
+        of_two_maps(scale, brackets.lower, -share, share),
         scale.sensor,
         temperatures_c,
-        found,
+        brackets,
         is_known,
         np.zeros(len(temperatures_c), dtype=np.bool_),
         (by_k != 0.0) & is_known,
@@ -149,12 +149,12 @@ def exchanged(
     temperatures_c, others_c : ndarray, shape (n,) [°C]
         The assigned sensor's temperatures and the other's.
     """
-    own, other = group.scales[0], by_other.scales[0]
-    before = model.brackets(group, own, temperatures_c)
+    assigned, other = group.scales[0], by_other.scales[0]
+    before = model.brackets(group, assigned, temperatures_c)
     after = model.brackets(by_other, other, others_c)
     is_known = ~(np.isnan(before.weight) | np.isnan(after.weight))
     return MapReading(
-        added(weights_of(other, after), -weights_of(own, before)),
+        added(weights_of(other, after), -weights_of(assigned, before)),
         other.sensor,
         others_c,
         after,
@@ -175,13 +175,13 @@ def temperatures_of_maps(
     dict of label to temperature [°C]
         Labels as the model's groups have them; states that do not state it are left out.
     """
-    found = {}
+    by_label = {}
     for label in dict.fromkeys(label for group in model.groups for label in group.labels):
-        own = [m.temperatures_c.get(sensor) for m in maps_of_label(maps, label)]
-        known = [t for t in own if t is not None]
-        if known and len(known) == len(own):
-            found[label] = float(np.mean(known))
-    return found
+        noted_c = [m.temperatures_c.get(sensor) for m in maps_of_label(maps, label)]
+        present_c = [t for t in noted_c if t is not None]
+        if present_c and len(present_c) == len(noted_c):
+            by_label[label] = float(np.mean(present_c))
+    return by_label
 
 
 def maps_of_label(maps: Sequence[ErrorMap], label: str) -> list[ErrorMap]:
@@ -192,8 +192,8 @@ def maps_of_label(maps: Sequence[ErrorMap], label: str) -> list[ErrorMap]:
 
 def times_of_maps(model: CompiledModel, maps: Sequence[ErrorMap], code: str) -> list[float]:
     """Say when the maps of a component were measured [s since 1970]."""
-    found = model.find(code)
-    labels = found[0].labels if found else ()
+    located = model.find(code)
+    labels = located[0].labels if located else ()
     return [m.measured_at.timestamp() for label in labels for m in maps_of_label(maps, label)]
 
 
@@ -205,11 +205,11 @@ def scale_by(group: Group, sensor: str, map_temperatures_c: Mapping[str, float])
     Scale, or None
         None where a map's temperature is not stated, or two are equal.
     """
-    stated = np.array([map_temperatures_c.get(label, np.nan) for label in group.labels])
-    rows = np.argsort(stated, kind="stable")
-    if np.isnan(stated).any() or (np.diff(stated[rows]) <= 0).any():
+    in_maps_c = np.array([map_temperatures_c.get(label, np.nan) for label in group.labels])
+    rows = np.argsort(in_maps_c, kind="stable")
+    if np.isnan(in_maps_c).any() or (np.diff(in_maps_c[rows]) <= 0).any():
         return None
-    return Scale(sensor, tuple(stated[rows].tolist()), tuple(rows.tolist()))
+    return Scale(sensor, tuple(in_maps_c[rows].tolist()), tuple(rows.tolist()))
 
 
 def positions_of(member: Member | None) -> FloatArray:

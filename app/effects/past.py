@@ -130,9 +130,11 @@ class Past:
         read = {"temperature": temperatures_c, "state": states}
         filters = self.lags.filters.items()
         filtered = [f.time_s for (s, _), f in filters if f is not None and s.name in read[s.kind]]
-        known = [latest[0] for name, latest in self.states.items() if latest and name in states]
+        state_times = [
+            latest[0] for name, latest in self.states.items() if latest and name in states
+        ]
         # One from before the machine rested may show that it did not.
-        return time_s < max([self.lags.begun_s, *filtered, *known])
+        return time_s < max([self.lags.begun_s, *filtered, *state_times])
 
     def update(
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
@@ -167,9 +169,9 @@ def needed_past(effects: Iterable[Effect]) -> Needed:
 
 def sensors_of(effects: Iterable[Effect]) -> set[str]:
     """Name all sensors without which effects cannot be evaluated."""
-    found = {name for effect in effects for name in effect.sensors}
+    sensors = {name for effect in effects for name in effect.sensors}
     signals = [s for effect in effects for term in effect.terms for s, _ in term.driver.signals]
-    return found | {signal.name for signal in signals if signal.kind == "temperature"}
+    return sensors | {signal.name for signal in signals if signal.kind == "temperature"}
 
 
 def _max_age_s(sensors: Mapping[str, Sensor], name: str) -> float:

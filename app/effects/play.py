@@ -46,14 +46,14 @@ def play(
     >>> play(np.arange(6.0), np.array([0.0, 1.0, 3.0, 2.0, 1.5, 0.0]), 1.0).tolist()
     [nan, nan, 2.0, 2.0, 2.0, 1.0]
     """
-    found = np.full(inputs.shape, np.nan)
+    output = np.full(inputs.shape, np.nan)
     begins = np.flatnonzero(np.diff(times_s) > max_gap_s) + 1
-    for own in np.split(np.arange(inputs.size), begins):
-        known = inputs[own]
-        moved = np.maximum.accumulate(known) - np.minimum.accumulate(known)
+    for stretch in np.split(np.arange(inputs.size), begins):
+        values = inputs[stretch]
+        moved = np.maximum.accumulate(values) - np.minimum.accumulate(values)
         has_begun = moved >= 2.0 * half_width
-        found[own[has_begun]] = _followed(known, half_width)[has_begun]
-    return found
+        output[stretch[has_begun]] = _followed(values, half_width)[has_begun]
+    return output
 
 
 def play_at(
@@ -84,9 +84,9 @@ def play_at(
 
 def _followed(inputs: FloatArray, half_width: float) -> FloatArray:
     """Follow readings without a gap, from the middle of the dead band."""
-    found = inputs.tolist()
-    at = found[0] if found else 0.0
-    for i, value in enumerate(found):
+    output = inputs.tolist()
+    at = output[0] if output else 0.0
+    for i, value in enumerate(output):
         at = min(max(value - half_width, at), value + half_width)
-        found[i] = at
-    return np.array(found)
+        output[i] = at
+    return np.array(output)

@@ -53,7 +53,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class RowsOfChannels:
     """The rows in which any of some components shows.
 
     Parameters
@@ -69,7 +69,7 @@ class Shown:
     count: int
 
     @classmethod
-    def of_views(cls, views: Mapping[str, View], channel: IntArray) -> Shown:
+    def of_views(cls, views: Mapping[str, View], channel: IntArray) -> RowsOfChannels:
         """Gather the rows of views; `channel` is that of each of all rows."""
         rows = np.unique(np.concatenate([np.empty(0, np.intp), *(v.rows for v in views.values())]))
         whole = slice(None)  # of what has all of these: an index would copy
@@ -77,8 +77,10 @@ class Shown:
             code: whole if len(view.rows) == len(rows) else np.searchsorted(rows, view.rows)
             for code, view in views.items()
         }
-        own = [(n, np.flatnonzero(channel[rows] == n)) for n in np.unique(channel[rows]).tolist()]
-        return cls([(n, rows[index], index) for n, index in own], places, len(rows))
+        by_channel = [
+            (n, np.flatnonzero(channel[rows] == n)) for n in np.unique(channel[rows]).tolist()
+        ]
+        return cls([(n, rows[index], index) for n, index in by_channel], places, len(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,7 @@ class Projection:
     rows: ObservationRows
     conditions: Conditions
     _views: dict[str, View] = field(default_factory=dict)
-    _shown: dict[frozenset[str], Shown] = field(default_factory=dict)
+    _layouts: dict[frozenset[str], RowsOfChannels] = field(default_factory=dict)
     _maps: dict[str, FloatArray | None] = field(default_factory=dict)
 
     @cached_property
@@ -137,22 +139,24 @@ class Projection:
         ndarray, shape (m,) [the component's unit]
             As `read_maps`.
         """
-        found, places = self.model.find(code), self.view(code).places
-        if found is None:
+        located, places = self.model.find(code), self.view(code).places
+        if located is None:
             raise KeyError(code)
         if code not in self._maps:
-            self._maps[code] = maps_at_places(*found, *places)
-        known = self._maps[code]
-        if known is None:
-            return read_maps(*found, weights, *places)
-        return np.asarray(np.einsum("nm,nm->n", weights, known))
+            self._maps[code] = maps_at_places(*located, *places)
+        at_maps = self._maps[code]
+        if at_maps is None:
+            return read_maps(*located, weights, *places)
+        return np.asarray(np.einsum("nm,nm->n", weights, at_maps))
 
     @cached_property
-    def said(self) -> FloatArray:
+    def predicted(self) -> FloatArray:
         """What all maps say of each row by the assigned sensors, shape (n,) [the rows' units]."""
-        return self.said_by()
+        return self.predicted_by()
 
-    def said_by(self, codes: Collection[str] | None = None, label: str | None = None) -> FloatArray:
+    def predicted_by(
+        self, codes: Collection[str] | None = None, label: str | None = None
+    ) -> FloatArray:
         """Give what maps say of each row by the assigned sensors.
 
         Parameters
@@ -166,18 +170,18 @@ class Projection:
         -------
         ndarray, shape (n,) [the rows' units]
         """
-        found = np.zeros(len(self.rows))
+        total = np.zeros(len(self.rows))
         for group in self.model.groups:
-            counts = np.array([label in (None, own) for own in group.labels])
-            own = [code for code in group.codes if codes is None or code in codes]
-            if not own or not counts.any():
+            counts = np.array([label in (None, map_label) for map_label in group.labels])
+            counted_codes = [code for code in group.codes if codes is None or code in codes]
+            if not counted_codes or not counts.any():
                 continue
             scale, now_c = group.scales[0], self.conditions.temperature(group.sensor)
             weights = weights_of(scale, self.model.brackets(group, scale, now_c)) * counts
-            for code in own:
+            for code in counted_codes:
                 view = self.view(code)
-                found[view.rows] += view.gains * self.of_maps(code, weights[view.rows])
-        return found
+                total[view.rows] += view.gains * self.of_maps(code, weights[view.rows])
+        return total
 
     def columns(
         self, amplitudes: Sequence[Sequence[Term]], valid: Valid | None = None
@@ -194,12 +198,12 @@ class Projection:
         ndarray, shape (n, k)
             NaN where a condition is missing.
         """
-        found = np.zeros((len(self.rows), len(amplitudes)))
+        matrix = np.zeros((len(self.rows), len(amplitudes)))
         for j, terms in enumerate(amplitudes):
             for term in terms:
                 view, errors = self.errors(term, valid)
-                found[view.rows, j] += errors
-        return found
+                matrix[view.rows, j] += errors
+        return matrix
 
     def parts(self, amplitudes: Sequence[Sequence[Term]]) -> list[Part]:
         """Take the columns apart by channel, as the search wants them.
@@ -210,14 +214,14 @@ class Projection:
             Channels in which nothing shows are left out; rows in which a condition is
             missing count as not moved.
         """
-        shown = self._where(frozenset(term.component for terms in amplitudes for term in terms))
-        found = np.zeros((len(amplitudes), shown.count))
-        for own, terms in zip(found, amplitudes, strict=True):
+        layout = self._where(frozenset(term.component for terms in amplitudes for term in terms))
+        errors = np.zeros((len(amplitudes), layout.count))
+        for column, terms in zip(errors, amplitudes, strict=True):
             for term in terms:
-                own[shown.places[term.component]] += self.errors(term)[1]
-        np.copyto(found, 0.0, where=np.isnan(found))
+                column[layout.places[term.component]] += self.errors(term)[1]
+        np.copyto(errors, 0.0, where=np.isnan(errors))
         parts = (
-            Part(number, rows, found.take(at, axis=1).T) for number, rows, at in shown.channels
+            Part(number, rows, errors.take(at, axis=1).T) for number, rows, at in layout.channels
         )
         return [part for part in parts if part.columns.any()]
 
@@ -235,12 +239,12 @@ class Projection:
         )
         return [part for part in parts if part.columns.any()]
 
-    def _where(self, codes: frozenset[str]) -> Shown:
+    def _where(self, codes: frozenset[str]) -> RowsOfChannels:
         """Find the rows in which any of some components shows; computed once for each set."""
-        if codes not in self._shown:
+        if codes not in self._layouts:
             views = {code: self.view(code) for code in codes}
-            self._shown[codes] = Shown.of_views(views, self.rows.channel)
-        return self._shown[codes]
+            self._layouts[codes] = RowsOfChannels.of_views(views, self.rows.channel)
+        return self._layouts[codes]
 
     def _make_view(self, code: str) -> View:
         gains = np.zeros(len(self.rows))

@@ -126,12 +126,12 @@ def kind_of(name: str) -> EffectKind:
     return KINDS[name]
 
 
-def do_the_same(one: Named, other: Named) -> bool:
+def do_the_same(effect: Named, other: Named) -> bool:
     """Whether two are the same kind with the same drivers: forms of one thing, such as late or not.
 
     What they do here is then the same. Of two maps it is not.
     """
-    return _whatever_the_form(one) == _whatever_the_form(other)
+    return _whatever_the_form(effect) == _whatever_the_form(other)
 
 
 def _whatever_the_form(named: Named) -> Claim:

@@ -195,10 +195,10 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
     n = len(conditions)
     if not columns:
         return Columns(np.empty((n, 0)), np.full(n, np.nan))
-    began = np.min([found.moved_s for found in past.values()], axis=0)
+    began = np.min([start.moved_s for start in past.values()], axis=0)
     age_s = conditions.times_s - began
     sensors = {c.name: past[c.signal, taus[c]] for c in columns if c.form == START}
-    usual = np.median([found.first for found in sensors.values()], axis=0) if sensors else None
+    usual = np.median([start.first for start in sensors.values()], axis=0) if sensors else None
     level = (level_at(columns, conditions) - zero.level_c) / PER_LEVEL_K
     values = np.ones((n, len(columns)))
     for j, column in enumerate(columns):
@@ -206,9 +206,9 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
             values[:, j] = _settled(age_s, column)
         if column not in taus:
             continue
-        found = past[column.signal, taus[column]]
-        reference = zero.references_c[j] if zero.references_c else found.first
-        late = found.outputs if column.minutes else conditions.temperature(column.name)
+        start = past[column.signal, taus[column]]
+        reference = zero.references_c[j] if zero.references_c else start.first
+        late = start.outputs if column.minutes else conditions.temperature(column.name)
         if column.form in (LATE, LEVEL):
             values[:, j] = late - reference
         if column.form == LEVEL:
@@ -216,9 +216,9 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
         if column.form == MAPS:
             values[:, j] = changed_by(zero.maps, late, reference)
         if column.form == STATE:
-            values[:, j] = _from_nought(found, conditions.times_s, taus[column])
+            values[:, j] = _from_nought(start, conditions.times_s, taus[column])
         if column.form == START and usual is not None:
-            unlike = np.where(_together(found, sensors), found.first - usual, np.nan)
+            unlike = np.where(_together(start, sensors), start.first - usual, np.nan)
             values[:, j] = unlike * _settled(age_s, column)
     return Columns(values, age_s)
 
@@ -260,18 +260,18 @@ def _settled(age_s: FloatArray, column: Column) -> FloatArray:
     return result
 
 
-def _from_nought(found: FromStart, times_s: FloatArray, tau_s: float) -> FloatArray:
+def _from_nought(start: FromStart, times_s: FloatArray, tau_s: float) -> FloatArray:
     """Take off what the filter began with: before the record the state was 0.
 
     Of a record that did not begin at rest so little of that is left that it may be unread.
     """
-    first = np.nan_to_num(found.first)
-    result: FloatArray = found.outputs - first * np.exp((found.since_s - times_s) / tau_s)
+    first = np.nan_to_num(start.first)
+    result: FloatArray = start.outputs - first * np.exp((start.since_s - times_s) / tau_s)
     return result
 
 
-def _together(found: FromStart, others: dict[str, FromStart]) -> BoolArray:
+def _together(start: FromStart, others: dict[str, FromStart]) -> BoolArray:
     """Say where a sensor's record began when the others' did."""
     usual = np.median([other.since_s for other in others.values()], axis=0)
-    result: BoolArray = np.abs(found.since_s - usual) <= APART_S
+    result: BoolArray = np.abs(start.since_s - usual) <= APART_S
     return result

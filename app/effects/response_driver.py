@@ -93,19 +93,19 @@ class Reach:
         cls, columns: Sequence[Column], seen: Sequence[Columns], *, is_from_start: bool
     ) -> Reach:
         """Take all that was seen."""
-        values = np.concatenate([one.values for one in seen])
-        longest_s = max(float(one.age_s.max()) for one in seen)
+        values = np.concatenate([seen_columns.values for seen_columns in seen])
+        longest_s = max(float(seen_columns.age_s.max()) for seen_columns in seen)
         ranges = list(zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True))
         return cls(columns, ranges, longest_s / SECONDS_PER_MIN if is_from_start else np.inf)
 
-    def held(self, asked: Columns) -> FloatArray:
+    def held(self, columns: Columns) -> FloatArray:
         """Hold columns where they were learnt, shape (n, p); NaN where the record is too long."""
-        values = np.clip(asked.values, *self.edges)
-        values[asked.age_s > LONGER * SECONDS_PER_MIN * self.longest_min] = np.nan
+        values = np.clip(columns.values, *self.edges)
+        values[columns.age_s > LONGER * SECONDS_PER_MIN * self.longest_min] = np.nan
         return values
 
     def expected(
-        self, asked: Columns, values: FloatArray, learnt: Predicted, noise: Wander
+        self, columns: Columns, values: FloatArray, learnt: Predicted, noise: Wander
     ) -> Expected:
         """Decide what to correct of what was learnt.
 
@@ -115,13 +115,13 @@ class Reach:
 
         Parameters
         ----------
-        asked, values
+        columns, values
             The columns at n moments, and as they are held.
         noise
             What no driver explains.
         """
         is_from_start = bool(np.isfinite(self.longest_min))
-        age_min = asked.age_s / SECONDS_PER_MIN
+        age_min = columns.age_s / SECONDS_PER_MIN
         wander = np.sqrt(np.maximum(noise.variance(age_min, is_zeroed=is_from_start), 0.0))
         by_maps = [values[:, i] for i, c in enumerate(self.columns) if c.form == MAPS]
         maps = by_maps[0] if by_maps and is_from_start else np.zeros(len(values))
@@ -129,7 +129,7 @@ class Reach:
         sd = np.sqrt(learnt.learnt**2 + wander**2)
         corrected = least_harm(maps + learnt.mean, sd, *instead) - maps
         corrected[np.isnan(learnt.mean)] = np.nan
-        is_held = np.any(asked.values != values, axis=1) & np.isfinite(asked.age_s)
+        is_held = np.any(columns.values != values, axis=1) & np.isfinite(columns.age_s)
         return Expected(learnt.mean, learnt.learnt, wander, corrected, is_held)
 
     @cached_property
@@ -197,29 +197,29 @@ class Responding(Driver):
 
     def expected(self, conditions: Conditions) -> Expected:
         """Say what was learnt, how sure it is, and what of it is corrected."""
-        asked = columns_at(self.columns, self.zero, conditions)
-        began_s = conditions.times_s - (0.0 if self.references_c else asked.age_s)
-        return self.expected_of(asked, began_s)
+        at_rows = columns_at(self.columns, self.zero, conditions)
+        began_s = conditions.times_s - (0.0 if self.references_c else at_rows.age_s)
+        return self.expected_of(at_rows, began_s)
 
-    def expected_of(self, asked: Columns, began_s: FloatArray) -> Expected:
+    def expected_of(self, columns: Columns, began_s: FloatArray) -> Expected:
         """Say the same of columns at n moments, in set-ups that began at times, shape (n,) [s]."""
-        values = self._reach.held(asked)
+        values = self._reach.held(columns)
         mean = np.einsum("ij,ij->i", values, self._coefficients_at(began_s))
         learnt = np.sqrt(((values @ self._root) ** 2).sum(axis=1))
-        return self._reach.expected(asked, values, Predicted(mean, learnt), Wander(*self.noise))
+        return self._reach.expected(columns, values, Predicted(mean, learnt), Wander(*self.noise))
 
     def farthest(self, conditions: Conditions) -> Outside | None:
         """Find the column that lies farthest beyond where it is held; None where none does."""
-        asked = columns_at(self.columns, self.zero, conditions)
+        at_rows = columns_at(self.columns, self.zero, conditions)
         low, high = self._reach.edges
-        beyond = np.maximum(low - asked.values, asked.values - high)
+        beyond = np.maximum(low - at_rows.values, at_rows.values - high)
         # Of a component that is not asked for there are no moments, and none of them lies outside.
         largest = np.max(np.nan_to_num(beyond, nan=0.0), axis=0, initial=0.0)
         share = largest / np.maximum(high - low, 1e-12)
         at = int(np.argmax(share))
         if share[at] <= 0.0:
             return None
-        values = asked.values[:, at]
+        values = at_rows.values[:, at]
         return Outside(self.columns[at], self.ranges[at], values, beyond[:, at] > 0.0)
 
     @property

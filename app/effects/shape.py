@@ -101,8 +101,8 @@ class OfPosition(Shape):
         driver: FloatArray,
     ) -> FloatArray:
         """Give the driver times the factor."""
-        found: FloatArray = driver * self.factors(places.positions_mm)
-        return found
+        values: FloatArray = driver * self.factors(places.positions_mm)
+        return values
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ class Wave(OfPosition):
     def factors(self, positions_mm: FloatArray) -> FloatArray:
         """Give the sine or cosine of 2π position / pitch."""
         wave = np.cos if self.is_cosine else np.sin
-        found: FloatArray = wave(2.0 * np.pi * (positions_mm / self.pitch_mm))
-        return found
+        harmonic: FloatArray = wave(2.0 * np.pi * (positions_mm / self.pitch_mm))
+        return harmonic
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
         """Need sixteen positions in each pitch, or as many as a table may have."""
@@ -182,8 +182,8 @@ class Profile(OfPosition):
         """Give the polygon."""
         left, right, share = hat_weights(np.array(self.positions_mm), positions_mm)
         heights = np.array(self.heights)
-        found: FloatArray = (1.0 - share) * heights[left] + share * heights[right]
-        return found
+        interpolated: FloatArray = (1.0 - share) * heights[left] + share * heights[right]
+        return interpolated
 
     def nodes_mm(self, low_mm: float, high_mm: float) -> FloatArray:
         """Need the polygon's corners."""
@@ -214,11 +214,11 @@ class OfMaps(Shape):
         driver: FloatArray,
     ) -> FloatArray:
         """Read the maps that enter: outside what all of them cover, the end values hold."""
-        found = model.find(component)
+        located = model.find(component)
         reading = self.reading(model, component, conditions, driver)
-        if found is None or reading is None:
+        if located is None or reading is None:
             return np.full(driver.shape, np.nan)
-        return read_maps(*found, reading.weights, *places)
+        return read_maps(*located, reading.weights, *places)
 
 
 @dataclass(frozen=True)
@@ -240,10 +240,10 @@ class Sensitivity(OfMaps):
         self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
     ) -> MapReading | None:
         """Give dE/dT times the driver, or E(T + driver) − E(T)."""
-        found = model.find(component)
-        if found is None:
+        located = model.find(component)
+        if located is None:
             return None
-        group, _ = found
+        group, _ = located
         now = conditions.temperature(group.sensor)
         return (slope if self.is_local else moved)(model, group, now, driver)
 
@@ -276,10 +276,10 @@ class Exchange(OfMaps):
 
         On a scale of its own the sensor is followed, and stands in for none.
         """
-        found = model.find(component)
-        if found is None or self.why_missing(model, component):
+        located = model.find(component)
+        if located is None or self.why_missing(model, component):
             return None
-        group, member = found
+        group, member = located
         scale = scale_by(group, self.sensor, dict(self.map_temperatures_c))
         return None if scale is None else group.on_scale(scale, member)
 
@@ -287,30 +287,30 @@ class Exchange(OfMaps):
         self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
     ) -> MapReading | None:
         """Give the driver times E by the other sensor minus E by the assigned one."""
-        found, by_other = model.find(component), self.by_other(model, component)
-        if found is None or by_other is None:
+        located, by_other = model.find(component), self.by_other(model, component)
+        if located is None or by_other is None:
             return None
-        group, _ = found
+        group, _ = located
         own_c, others_c = (conditions.temperature(s) for s in (group.sensor, self.sensor))
         return exchanged(model, group, by_other, own_c, others_c).times(driver)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say which map does not state the other sensor, or which two cannot be neighbours."""
-        found = model.find(component)
-        if found is None:
+        located = model.find(component)
+        if located is None:
             return f"the model has no {component}"
-        group, member = found
-        stated = dict(self.map_temperatures_c)
-        lacking = [label for label in group.labels if label not in stated]
+        group, member = located
+        in_maps_c = dict(self.map_temperatures_c)
+        lacking = [label for label in group.labels if label not in in_maps_c]
         if lacking:
             return (
                 f"map {lacking[0]!r} was made after the analysis, so what {self.sensor} read "
                 "is not known"
             )
-        in_order = sorted(range(len(group.labels)), key=lambda row: stated[group.labels[row]])
+        in_order = sorted(range(len(group.labels)), key=lambda row: in_maps_c[group.labels[row]])
         for rows in pairwise(in_order):
             lower, upper = (group.labels[row] for row in rows)
-            gap_c = stated[upper] - stated[lower]
+            gap_c = in_maps_c[upper] - in_maps_c[lower]
             if not model.machine.sensor(self.sensor).resolves(gap_c):
                 return (
                     f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "

@@ -46,7 +46,7 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
     ndarray, shape (n,) [the rows' units]
         The maps at the moved temperatures minus the maps at those that were read.
     """
-    model, found = projection.model, np.zeros(len(projection.rows))
+    model, supposed = projection.model, np.zeros(len(projection.rows))
     for group in model.groups:
         if group.sensor not in by_k:
             continue
@@ -54,8 +54,8 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
         weights = moved(model, group, now_c, by_k[group.sensor]).weights
         for code in group.codes:
             view = projection.view(code)
-            found[view.rows] += view.gains * projection.of_maps(code, weights[view.rows])
-    return found
+            supposed[view.rows] += view.gains * projection.of_maps(code, weights[view.rows])
+    return supposed
 
 
 def left_by_maps(
@@ -72,7 +72,7 @@ def left_by_maps(
     -------
     ndarray, shape (n,) [the rows' units]
     """
-    return projection.said_by(codes, label)
+    return projection.predicted_by(codes, label)
 
 
 def left_by_places(
@@ -95,6 +95,6 @@ def left_by_places(
     """
     conditions = projection.conditions.take(np.flatnonzero(which))
     really = Projection(projection.model, rows.take(which), conditions)
-    found = np.zeros(len(projection.rows))
-    found[which] = sign * really.said - projection.said[which]
-    return found
+    supposed = np.zeros(len(projection.rows))
+    supposed[which] = sign * really.predicted - projection.predicted[which]
+    return supposed

@@ -84,11 +84,11 @@ class Term:
             NaN where a condition is missing; 0 for a reversing term where the direction is
             not known, as the tables then give the mean of both.
         """
-        driver, held = self._held(conditions, valid)
+        driver, limited = self._held(conditions, valid)
         if valid is not None and self.shape.changes_along:
             places = valid.held_places(self.component, places)
-        found = self.coefficient * self.shape.along(model, self.component, places, held, driver)
-        return found * np.sign(places.directions) if self.is_reversing else found
+        errors = self.coefficient * self.shape.along(model, self.component, places, limited, driver)
+        return errors * np.sign(places.directions) if self.is_reversing else errors
 
     def reading(
         self, model: CompiledModel, conditions: Conditions, valid: Valid | None = None
@@ -102,22 +102,22 @@ class Term:
         """
         if self.is_reversing or not isinstance(self.shape, OfMaps):
             return None
-        driver, held = self._held(conditions, valid)
-        found = self.shape.reading(model, self.component, held, driver)
-        return None if found is None else found.times(self.coefficient)
+        driver, limited = self._held(conditions, valid)
+        reading = self.shape.reading(model, self.component, limited, driver)
+        return None if reading is None else reading.times(self.coefficient)
 
     def held_signals(self, model: CompiledModel) -> set[Signal]:
         """List the signals that are moved to the edge where they lie outside their ranges."""
-        own = {signal for signal, _ in self.driver.signals if self.driver.is_held_by_signal}
-        return own | {Signal("temperature", sensor) for sensor in self.sensors_of_tables(model)}
+        signals = {signal for signal, _ in self.driver.signals if self.driver.is_held_by_signal}
+        return signals | {Signal("temperature", sensor) for sensor in self.sensors_of_tables(model)}
 
     def _held(self, conditions: Conditions, valid: Valid | None) -> tuple[FloatArray, Conditions]:
         """Give the driver and the conditions of the shape, at the edge where they lie outside."""
         if valid is None:
             return conditions.driven(self.driver), conditions
-        held = valid.held(conditions)
-        driver = self.driver.at(valid.for_driver(self.driver, conditions, held))
-        return driver if self.learnt is None else np.clip(driver, *self.learnt), held
+        limited = valid.held(conditions)
+        driver = self.driver.at(valid.for_driver(self.driver, conditions, limited))
+        return driver if self.learnt is None else np.clip(driver, *self.learnt), limited
 
     def everywhere_at(
         self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
@@ -140,12 +140,12 @@ class Term:
 
     def why_missing(self, model: CompiledModel, conditions: Conditions) -> str:
         """Say which condition is missing where the term is NaN, empty where none."""
-        said = self.driver.why_missing(conditions)
-        said = said or self.shape.why_missing(model, self.component)
-        for sensor in () if said else self.sensors_of_tables(model):
+        why = self.driver.why_missing(conditions)
+        why = why or self.shape.why_missing(model, self.component)
+        for sensor in () if why else self.sensors_of_tables(model):
             if np.isnan(conditions.temperature(sensor)).any():
                 return conditions.why_missing(Signal("temperature", sensor))
-        return said
+        return why
 
     def to_json(self) -> dict[str, Any]:
         """Write it down as a model version stores it."""
@@ -160,11 +160,11 @@ class Term:
 
     def sensors_of_tables(self, model: CompiledModel) -> list[str]:
         """Name the sensors by which it reads the model's own tables."""
-        found = model.find(self.component)
-        if found is None or not isinstance(self.shape, OfMaps):
+        located = model.find(self.component)
+        if located is None or not isinstance(self.shape, OfMaps):
             return []
         other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
-        return [found[0].sensor, *other]
+        return [located[0].sensor, *other]
 
 
 def term_from_json(stored: Mapping[str, Any]) -> Term:
@@ -194,15 +194,15 @@ def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any])
         raise InvalidContent.of_field(
             "terms", f"expected a {what} among {list_names(kinds)}, got {stored.get('name')!r}"
         )
-    given = {name: _tuples(value) for name, value in stored.items() if name != "name"}
+    arguments = {name: _tuples(value) for name, value in stored.items() if name != "name"}
     expected = {field.name for field in fields(kind)}
-    if not set(given) <= expected:
+    if not set(arguments) <= expected:
         raise InvalidContent.of_field(
             "terms",
             f"expected {kind.name} to have {list_names(sorted(expected))}, got "
-            f"{list_names(sorted(given))}",
+            f"{list_names(sorted(arguments))}",
         )
-    return kind(**given)
+    return kind(**arguments)
 
 
 def _tuples(value: Any) -> Any:

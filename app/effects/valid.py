@@ -79,12 +79,12 @@ class Valid:
             states=_clipped(conditions.states, self.state),
         )
 
-    def for_driver(self, driver: Driver, conditions: Conditions, held: Conditions) -> Conditions:
+    def for_driver(self, driver: Driver, conditions: Conditions, limited: Conditions) -> Conditions:
         """Choose what a driver is to be evaluated at."""
         if driver.grows_with_time:
             times_s = np.clip(conditions.times_s, self.from_s, self.grows_until_s)
             return replace(conditions, times_s=times_s)
-        return held if driver.is_held_by_signal else conditions
+        return limited if driver.is_held_by_signal else conditions
 
     def held_places(self, code: str, places: Places) -> Places:
         """Move positions that lie outside to the edge, the margin included."""
@@ -190,8 +190,8 @@ def widened(learnt: Range, share: float, least: float = 0.0) -> Range:
 
 def range_of(values: FloatArray) -> Range | None:
     """Find the smallest and the largest number; None where there is none."""
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else None
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else None
 
 
 def _clipped(

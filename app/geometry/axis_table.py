@@ -108,13 +108,13 @@ class AxisTable:
         -------
         dict of what the errors multiply to ndarray, shape (6, n)
         """
-        found: dict[str | None, FloatArray] = {}
+        motion: dict[str | None, FloatArray] = {}
         for times, lines in self._lines.items():
             line = lines[state].take(located.count, axis=1, mode="clip")
             values = line[..., 1] * located.beyond_mm
             values += line[..., 0]
-            found[times] = values
-        return found
+            motion[times] = values
+        return motion
 
 
 def _as_lines(nodes_mm: FloatArray, values: FloatArray) -> FloatArray:

@@ -117,12 +117,12 @@ def diagonal_displacements(
     field.expect_one_state()
     _check_length(volume, steps)
     shares = np.linspace(0.0, 1.0, steps + 1)
-    found = {}
+    displacements = {}
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
         errors_um, _ = field.at(start + shares[:, None] * (end - start), tool_offset_mm)
-        found[diagonal] = displacement_along(errors_um, end - start)
-    return found
+        displacements[diagonal] = displacement_along(errors_um, end - start)
+    return displacements
 
 
 def extreme_displacements(
@@ -165,7 +165,7 @@ def extreme_displacements(
     """
     field.expect_one_state()
     _check_length(volume, 1)
-    found = {}
+    displacements = {}
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
         ends = _ends_of_pieces(field, start, end)
@@ -176,8 +176,8 @@ def extreme_displacements(
         turns = ends[:-1, None] + np.diff(ends)[:, None] * inside
         shares = np.concatenate([ends, turns[np.isfinite(turns)]])
         errors_um, _ = field.at(start + np.sort(shares)[:, None] * (end - start), tool_offset_mm)
-        found[diagonal] = displacement_along(errors_um, end - start)
-    return found
+        displacements[diagonal] = displacement_along(errors_um, end - start)
+    return displacements
 
 
 def _check_length(volume: WorkVolume, steps: int) -> None:
@@ -191,12 +191,12 @@ def _check_length(volume: WorkVolume, steps: int) -> None:
 
 def _ends_of_pieces(field: ErrorField, start: FloatArray, end: FloatArray) -> FloatArray:
     """Give the shares of a diagonal at which one of the tables has a node, and 0 and 1."""
-    found = [np.array([0.0, 1.0])]
+    cuts = [np.array([0.0, 1.0])]
     for axis, from_mm, to_mm in zip(LINEAR_LETTERS, start, end, strict=True):
         if from_mm != to_mm:
             shares = (field.nodes_mm(axis) - from_mm) / (to_mm - from_mm)
-            found.append(shares[(shares > 0.0) & (shares < 1.0)])
-    return np.unique(np.concatenate(found))
+            cuts.append(shares[(shares > 0.0) & (shares < 1.0)])
+    return np.unique(np.concatenate(cuts))
 
 
 def _turns_of_cubics(values: FloatArray) -> FloatArray:

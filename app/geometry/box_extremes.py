@@ -117,7 +117,7 @@ def box_extremes(
     for start in range(0, max(coordinates[0].size - 1, 1), step):
         search.look([coordinates[0][start : start + step + 1], *coordinates[1:]])
     search.refine()
-    return search.found()
+    return search.result()
 
 
 def error_extremes(
@@ -176,7 +176,7 @@ class _Search:
                 self._look_into(part)
         self._give_up(np.zeros(len(self._cells), dtype=bool))
 
-    def found(self) -> BoxExtremes:
+    def result(self) -> BoxExtremes:
         """Say what was found."""
         best = self._best
         return BoxExtremes(
@@ -222,17 +222,17 @@ class _Search:
     def _prune(self) -> None:
         """Forget cells that hold nothing more; of too many, those that can hold least."""
         beyond = (self._bounds - self._best - self._slack()).max(axis=1)
-        kept = beyond > 0.0
-        if np.count_nonzero(kept) > MOST_CELLS:
+        open_cells = beyond > 0.0
+        if np.count_nonzero(open_cells) > MOST_CELLS:
             most = np.argsort(beyond)[-MOST_CELLS // 2 :]
             promising = np.zeros(len(beyond), dtype=bool)
             promising[most] = True
             self._give_up(promising)
-            kept &= promising
-        self._cells, self._bounds = self._cells[kept], self._bounds[kept]
+            open_cells &= promising
+        self._cells, self._bounds = self._cells[open_cells], self._bounds[open_cells]
 
-    def _give_up(self, kept: BoolArray) -> None:
-        beyond = (self._bounds[~kept] - self._best).max(initial=0.0)
+    def _give_up(self, open_cells: BoolArray) -> None:
+        beyond = (self._bounds[~open_cells] - self._best).max(initial=0.0)
         self._given_up = max(self._given_up, float(beyond))
 
 
@@ -262,29 +262,29 @@ def _ends(coordinates: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]
 def _halved(cells: FloatArray, curved: Sequence[bool]) -> FloatArray:
     """Cut cells in two along every coordinate of degree 2."""
     middles = cells.mean(axis=1)
-    found = []
+    parts = []
     for upper in itertools.product(*((False, True) if bends else (None,) for bends in curved)):
         part = cells.copy()
         for i, half in enumerate(upper):
             if half is not None:
                 part[:, 0 if half else 1, i] = middles[:, i]
-        found.append(part)
-    return np.concatenate(found)
+        parts.append(part)
+    return np.concatenate(parts)
 
 
 def _coordinates(
     field: ErrorField, volume: WorkVolume, degrees: Sequence[int]
 ) -> tuple[list[FloatArray], list[bool]]:
     """Give the ends of the cells, with their middles where a coordinate is of degree 2."""
-    found, curved = [], []
+    nodes, curved = [], []
     for axis, ends, degree in zip(LINEAR_LETTERS, volume.ranges_mm, degrees, strict=True):
         coordinates = ends_of_pieces(field, axis, ends)
         curved.append(degree == 2 and coordinates.size > 1)
         if curved[-1]:
             middles = (coordinates[1:] + coordinates[:-1]) / 2
             coordinates = np.sort(np.concatenate([coordinates, middles]))
-        found.append(coordinates)
-    return found, curved
+        nodes.append(coordinates)
+    return nodes, curved
 
 
 def lattice_size(field: ErrorField, volume: WorkVolume) -> int:

@@ -113,11 +113,11 @@ def compensation_levels(
     levels = []
     for level, kinds in _KNOWS.items():
         # The rule is linear in the errors: what is left is the field of the other components.
-        left = field.only(_of_kinds(frozenset(Kind) - kinds))
-        lengths = np.linalg.norm(left.at(points, tool_offset_mm)[0], axis=1)
+        residual = field.only(_of_kinds(frozenset(Kind) - kinds))
+        lengths = np.linalg.norm(residual.at(points, tool_offset_mm)[0], axis=1)
         longest, within = float(lengths.max()), None
-        if lattice_size(left, volume) <= MOST_POINTS_EACH:
-            extremes = error_extremes(left, volume, tool_offset_mm)
+        if lattice_size(residual, volume) <= MOST_POINTS_EACH:
+            extremes = error_extremes(residual, volume, tool_offset_mm)
             longest, within = extremes.longest, extremes.within
         levels.append(
             CompensationLevel(
@@ -143,15 +143,17 @@ def level_tables(field: ErrorField, volume: WorkVolume, level: Level) -> dict[st
         positions are its own, in the volume, and the volume's ends.
     """
     field.expect_one_state()
-    known = field.only(_of_kinds(_KNOWS[level])).tables
+    compensated = field.only(_of_kinds(_KNOWS[level])).tables
     folded = {
         code: Table(positions, values[0])
-        for code, (positions, values) in known.items()
+        for code, (positions, values) in compensated.items()
         if COMPONENTS[code].axis is not None
     }
-    for row, times, value in squareness_of({c: float(v[0, 0]) for c, (_, v) in known.items()}):
+    for row, times, value in squareness_of(
+        {c: float(v[0, 0]) for c, (_, v) in compensated.items()}
+    ):
         code = f"E{LINEAR_LETTERS[row]}{LINEAR_LETTERS[times]}".upper()
-        folded[code] = _folded(known.get(code), float(value), volume.ranges_mm[times])
+        folded[code] = _folded(compensated.get(code), float(value), volume.ranges_mm[times])
     return folded
 
 

@@ -115,11 +115,11 @@ _STEM: Final = {kind: "slopes" if kind is Kind.SLOPE else "errors" for kind in K
 
 def _motion_errors() -> list[Component]:
     """Make the 9 linear and 9 angular errors of three linear axes."""
-    found = []
+    components = []
     for axis in LINEAR_LETTERS:
         for direction in LINEAR_LETTERS:
             same = direction == axis
-            found.append(
+            components.append(
                 Component(
                     code=f"E{direction}{axis}".upper(),
                     chapter=f"D_{direction}({axis})",
@@ -131,7 +131,7 @@ def _motion_errors() -> list[Component]:
                 )
             )
         for about, rotation in zip(LINEAR_LETTERS, ROTATION_LETTERS, strict=True):
-            found.append(
+            components.append(
                 Component(
                     code=f"E{rotation}{axis}".upper(),
                     chapter=f"A_{about}({axis})",
@@ -142,7 +142,7 @@ def _motion_errors() -> list[Component]:
                     default_sensor="z-column" if axis == "z" else "x-middle",
                 )
             )
-    return found
+    return components
 
 
 def _squareness_errors() -> list[Component]:
@@ -321,10 +321,10 @@ def unsure_component(name: str) -> str:
     'expected a rotation by its axis, as EAX, EBX or ECX: which of them it is depends on which \
 axis is vertical, and its sign on the instrument'
     """
-    found = _UNSURE.search(name.lower())
-    if found is None:
+    match = _UNSURE.search(name.lower())
+    if match is None:
         return ""
-    if found[1]:
+    if match[1]:
         return (
             "expected a rotation by its axis, as EAX, EBX or ECX: which of them it is depends on "
             "which axis is vertical, and its sign on the instrument"

@@ -122,8 +122,8 @@ class ErrorField:
 
     def only(self, wanted: Callable[[Component], bool]) -> ErrorField:
         """Keep some components: what a controller knows, or what a definition counts."""
-        kept = {code: t for code, t in self.tables.items() if wanted(COMPONENTS[code])}
-        return self._packed(self.chain, kept, self.measuring_lines, self.states)
+        selected = {code: t for code, t in self.tables.items() if wanted(COMPONENTS[code])}
+        return self._packed(self.chain, selected, self.measuring_lines, self.states)
 
     def at(
         self, points_mm: ArrayLike, tool_offset_mm: ArrayLike = NO_TOOL
@@ -233,13 +233,13 @@ class ErrorField:
 
 def _axis_table(axis: str, tables: Mapping[str, PackedTable]) -> AxisTable | None:
     """Bring one axis' tables to the union of their positions; None where there are none."""
-    own = {c: table for c, table in tables.items() if COMPONENTS[c].axis == axis}
-    if not own:
+    moving = {c: table for c, table in tables.items() if COMPONENTS[c].axis == axis}
+    if not moving:
         return None
-    nodes = union_of_positions(own.values())
+    nodes = union_of_positions(moving.values())
     nodes = nodes if nodes.size else np.zeros(1)
     blocks: dict[str | None, FloatArray] = {}
-    for code, (positions, values) in own.items():
+    for code, (positions, values) in moving.items():
         component = COMPONENTS[code]
         block = blocks.setdefault(component.times, np.zeros((len(values), 6, nodes.size)))
         for state, row in enumerate(values):

@@ -88,11 +88,11 @@ class ErrorGrid:
             for nodes, coordinate in zip(self.nodes_mm, as_points(points_mm).T, strict=True)
         ]
         (i, x), (j, y), (k, z) = placed
-        found = np.zeros((len(x), 3))
+        errors = np.zeros((len(x), 3))
         for a, b, c in CORNERS:
             share = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
-            found += share[:, None] * self.errors_um[i + a, j + b, k + c]
-        return found
+            errors += share[:, None] * self.errors_um[i + a, j + b, k + c]
+        return errors
 
 
 def sample_grid(

@@ -202,15 +202,15 @@ def _collect(
 ) -> None:
     """Raise the cells' largest values (bound, attained) to those of a box."""
     bound = with_length(bernstein_coefficients(difference, degrees))
-    found = np.concatenate([bound, with_length(difference)], axis=-1)
+    bounds = np.concatenate([bound, with_length(difference)], axis=-1)
     cells = []
     for i, (nodes, coordinates) in enumerate(zip(grid.nodes_mm, box, strict=True)):
         inner = nodes[(nodes > coordinates[0]) & (nodes < coordinates[-1])]
         starts = np.concatenate([[0], np.searchsorted(coordinates, inner)])
         ends = np.append(starts[1:], coordinates.size - 1)
         # A node belongs to the cells on both its sides.
-        found = np.maximum(np.maximum.reduceat(found, starts, axis=i), found.take(ends, axis=i))
+        bounds = np.maximum(np.maximum.reduceat(bounds, starts, axis=i), bounds.take(ends, axis=i))
         first = int(place_in_cells(nodes, coordinates[:1])[0][0])
         cells.append(slice(first, first + starts.size))
     here = tuple(cells)
-    largest[here] = np.maximum(largest[here], found)
+    largest[here] = np.maximum(largest[here], bounds)

@@ -106,26 +106,28 @@ def spacing_for_tolerance(
     """
     _check(field, volume, tolerance_um, most_intervals)
     tool = np.asarray(tool_offset_mm, dtype=np.float64)
-    left = [_left_by_axis(field, volume, i, tool, tolerance_um, most_intervals) for i in range(3)]
-    possible = [np.flatnonzero(rows[:, 1] <= tolerance_um) + 1 for rows in left]
-    for axis, counts, rows in zip(LINEAR_LETTERS, possible, left, strict=True):
+    residuals = [
+        _left_by_axis(field, volume, i, tool, tolerance_um, most_intervals) for i in range(3)
+    ]
+    possible = [np.flatnonzero(rows[:, 1] <= tolerance_um) + 1 for rows in residuals]
+    for axis, counts, rows in zip(LINEAR_LETTERS, possible, residuals, strict=True):
         if not counts.size:
             raise _impossible(axis, tolerance_um, rows)
-    intervals = _fewest_points([rows[:, 0] for rows in left], tolerance_um)
+    intervals = _fewest_points([rows[:, 0] for rows in residuals], tolerance_um)
 
     def judge(counts: Counts) -> GridSpacing:
-        bounds = [rows[count - 1, 0] for rows, count in zip(left, counts, strict=True)]
+        bounds = [rows[count - 1, 0] for rows, count in zip(residuals, counts, strict=True)]
         return _judged(field, volume, counts, tool, float(sum(bounds)), tolerance_um)
 
-    found = judge(intervals)
-    if found.bound_um > tolerance_um:
+    spacing = judge(intervals)
+    if spacing.bound_um > tolerance_um:
         raise InvalidContent.of_field(
             "tolerance_um",
             f"expected a tolerance in µm for which a grid of at most {most_intervals} intervals "
             f"per axis is found, got {tolerance_um:g} µm: the best one, {intervals}, leaves "
-            f"{found.attained_um:.3g} µm somewhere",
+            f"{spacing.attained_um:.3g} µm somewhere",
         )
-    return _coarsened(found, possible, judge, tolerance_um)
+    return _coarsened(spacing, possible, judge, tolerance_um)
 
 
 def _check(field: ErrorField, volume: WorkVolume, tolerance_um: float, most_intervals: int) -> None:
@@ -238,9 +240,9 @@ def _judged(
     grid = sample_grid(field, x, y, z, tool)
     bound_um = attained_um = _left_in_the_middles(field, grid, tool)
     if attained_um <= tolerance_um:
-        left = grid_difference(field, grid, tool)
-        bound_um = min(left.largest_um, sum_um)
-        attained_um = float(left.attained_length_um.max())
+        residual = grid_difference(field, grid, tool)
+        bound_um = min(residual.largest_um, sum_um)
+        attained_um = float(residual.attained_length_um.max())
     return GridSpacing(
         intervals=counts,
         spacing_mm=(float(x[1] - x[0]), float(y[1] - y[0]), float(z[1] - z[0])),
@@ -257,7 +259,7 @@ def _left_in_the_middles(field: ErrorField, grid: ErrorGrid, tool: FloatArray) -
 
 
 def _coarsened(
-    found: GridSpacing,
+    spacing: GridSpacing,
     possible: Sequence[IntArray],
     judge: Callable[[Counts], GridSpacing],
     tolerance_um: float,
@@ -267,13 +269,13 @@ def _coarsened(
     while changed:
         changed = False
         for i, counts in enumerate(possible):
-            for fewer in counts[counts < found.intervals[i]]:
-                x, y, z = (int(fewer) if i == j else n for j, n in enumerate(found.intervals))
+            for fewer in counts[counts < spacing.intervals[i]]:
+                x, y, z = (int(fewer) if i == j else n for j, n in enumerate(spacing.intervals))
                 trial = judge((x, y, z))
                 if trial.bound_um <= tolerance_um:
-                    found, changed = trial, True
+                    spacing, changed = trial, True
                     break
-    return found
+    return spacing
 
 
 def _impossible(axis: str, tolerance_um: float, rows: FloatArray) -> InvalidContent:

@@ -77,6 +77,6 @@ def _matters(
 
 def _arms(chain: Chain, axis: str, tools_mm: FloatArray, line: MeasuringLine | None) -> set[str]:
     """Directions in which an axis' rotations have a lever: a_u(p) + T, or what a line leaves."""
-    own = set(chain.acts_on(axis)) - ({axis} if line else set())
+    moving = set(chain.acts_on(axis)) - ({axis} if line else set())
     reach_mm = tools_mm - (line.tool_offset_mm if line else np.zeros(3))
-    return own | {u for u, t in zip(LINEAR_LETTERS, reach_mm.T, strict=True) if t.any()}
+    return moving | {u for u, t in zip(LINEAR_LETTERS, reach_mm.T, strict=True) if t.any()}

@@ -85,10 +85,12 @@ def bernstein_coefficients(values: FloatArray, degrees: Sequence[int]) -> FloatA
     -------
     ndarray, same shape
     """
-    found = values
+    coefficients = values
     for dimension, degree in enumerate(degrees):
         if degree == 2:
-            found = np.moveaxis(found.copy(), dimension, 0)
-            found[1::2] = 2 * found[1::2] - (found[:-2:2] + found[2::2]) / 2
-            found = np.moveaxis(found, 0, dimension)
-    return found
+            coefficients = np.moveaxis(coefficients.copy(), dimension, 0)
+            coefficients[1::2] = (
+                2 * coefficients[1::2] - (coefficients[:-2:2] + coefficients[2::2]) / 2
+            )
+            coefficients = np.moveaxis(coefficients, 0, dimension)
+    return coefficients

@@ -101,8 +101,8 @@ def cyclic_codes(letter: str) -> tuple[str, str, str, str]:
     first, second = ((about(letter) + step) % 3 for step in (1, 2))
     places = (LINEAR_LETTERS[first], LINEAR_LETTERS[second])
     turns = (AXIS_LETTERS[first], AXIS_LETTERS[second])
-    one, two, tilt, other = (f"{way}o{letter}".upper() for way in (*places, *turns))
-    return one, two, tilt, other
+    first_place, two, tilt, other = (f"{way}o{letter}".upper() for way in (*places, *turns))
+    return first_place, two, tilt, other
 
 
 def actual_axis(
@@ -234,15 +234,15 @@ def rotary_location_error(
     carriers = _checked_order(order)
     _check_belonging(order, angles_deg, errors)
     pivots = {letter.lower(): pivot for letter, pivot in (pivots_mm or {}).items()}
-    asked = {letter.lower(): np.asarray(angle, float) for letter, angle in angles_deg.items()}
+    angles = {letter.lower(): np.asarray(angle, float) for letter, angle in angles_deg.items()}
     points = bounded("points_mm", as_points(points_mm))
-    _check_angles(asked, len(points))
-    shapes = [points[:, 0], *asked.values(), *(np.asarray(v, float) for v in errors.values())]
+    _check_angles(angles, len(points))
+    shapes = [points[:, 0], *angles.values(), *(np.asarray(v, float) for v in errors.values())]
     n = np.broadcast(*shapes).size
     actual = nominal = np.broadcast_to(points, (n, 3))
     # The outermost axis turns first: it is carried by those before it.
     for letter in reversed(carriers):
-        angle = np.broadcast_to(np.deg2rad(asked.get(letter, np.zeros(()))), (n,))
+        angle = np.broadcast_to(np.deg2rad(angles.get(letter, np.zeros(()))), (n,))
         pivot = pivots.get(letter, np.zeros(3))
         actual = actual_axis(letter, errors, pivot).turn(actual, angle)
         nominal = actual_axis(letter, {}, pivot).turn(nominal, angle)

@@ -53,13 +53,13 @@ class Spread:
     within: float
 
     @classmethod
-    def of(cls, found: BoxExtremes) -> Spread:
+    def of(cls, extremes: BoxExtremes) -> Spread:
         """Sum up the extremes of a vector over the work volume."""
-        x, y, z = (float(range_) for range_ in found.most - found.least)
-        a, b, c = (float(coordinate) for coordinate in found.where_mm)
+        x, y, z = (float(range_) for range_ in extremes.most - extremes.least)
+        a, b, c = (float(coordinate) for coordinate in extremes.where_mm)
         # A range has an extreme at either end, definition 2 three ranges.
-        within = 2.0 * math.sqrt(3.0) * found.within
-        return cls((x, y, z), found.longest, math.hypot(x, y, z), (a, b, c), within)
+        within = 2.0 * math.sqrt(3.0) * extremes.within
+        return cls((x, y, z), extremes.longest, math.hypot(x, y, z), (a, b, c), within)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,9 +127,9 @@ def sum_over_axes(
     for axis in chain.axes:
         if axis in motions:
             line = measuring_lines.get(axis)
-            known, grown = _along_and_beside(motions[axis], points_m, line)
+            along, grown = _along_and_beside(motions[axis], points_m, line)
             arm = [points_m[i] if LINEAR_LETTERS[i] in chain.acts_on(axis) else None for i in ROWS]
-            for motion, lever in ((known, _from_line(arm, axis, line)), (grown, arm)):
+            for motion, lever in ((along, _from_line(arm, axis, line)), (grown, arm)):
                 if motion is not None:
                     total += motion[:3]
                     turned += motion[3:]
@@ -241,7 +241,7 @@ def _along_and_beside(
 
     Without a line all of it acts with the whole lever arm: it is all known on the axis.
     """
-    known = motion.get(None)
+    along = motion.get(None)
     grown = None
     for times, slopes in motion.items():
         if times is not None:
@@ -249,9 +249,9 @@ def _along_and_beside(
             from_mm = 0.0 if line is None else line.point_mm[i]
             added = slopes * (points_m[i] - from_mm / MM_PER_M)
             grown = added if grown is None else grown + added
-    if line is None and known is not None and grown is not None:
-        return known + grown, None
-    return known, grown
+    if line is None and along is not None and grown is not None:
+        return along + grown, None
+    return along, grown
 
 
 def _from_line(arm: Arm, axis: str, line: MeasuringLine | None) -> Arm:
@@ -261,13 +261,13 @@ def _from_line(arm: Arm, axis: str, line: MeasuringLine | None) -> Arm:
     """
     if line is None:
         return arm
-    found: Arm = []
+    shifted: Arm = []
     for i, lever in enumerate(arm):
-        known: Values = -line.tool_offset_mm[i] / MM_PER_M
+        distance: Values = -line.tool_offset_mm[i] / MM_PER_M
         if lever is not None and LINEAR_LETTERS[i] != axis:
-            known = lever - line.point_mm[i] / MM_PER_M + known
-        found.append(known if np.any(known) else None)
-    return found
+            distance = lever - line.point_mm[i] / MM_PER_M + distance
+        shifted.append(distance if np.any(distance) else None)
+    return shifted
 
 
 def _add_cross(total: FloatArray, omega: FloatArray, arm: Arm) -> None:

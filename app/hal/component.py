@@ -68,8 +68,8 @@ class Service:
             raise ValueError(f"expected a URL such as http://127.0.0.1:8000, got {url!r}")
         self._headers = {"Content-Type": "application/json"}
         if parts.username is not None:
-            known = f"{parts.username}:{parts.password or ''}".encode()
-            self._headers["Authorization"] = f"Basic {base64.b64encode(known).decode()}"
+            credentials = f"{parts.username}:{parts.password or ''}".encode()
+            self._headers["Authorization"] = f"Basic {base64.b64encode(credentials).decode()}"
         if key := os.environ.get(KEY_VARIABLE):
             self._headers["Authorization"] = f"Bearer {key}"
         place = parts.netloc.rpartition("@")[2]
@@ -90,8 +90,8 @@ class Service:
 
     def table(self) -> dict[str, Any] | None:
         """Ask for the table at the latest reading; None where it is the one before."""
-        found = self._send("compensation", None)
-        return None if found is None else json.loads(found)
+        answer = self._send("compensation", None)
+        return None if answer is None else json.loads(answer)
 
     def forget(self) -> None:
         """Ask for the whole table again, because the last one was not taken."""
@@ -120,7 +120,7 @@ class Service:
 class _NoRedirects(HTTPRedirectHandler):
     """Takes a redirection for the failure that it is here."""
 
-    def redirect_request(self, *_asked: Any) -> None:
+    def redirect_request(self, *_refused: Any) -> None:
         """Ask nobody else."""
 
 
@@ -129,8 +129,10 @@ def _sentence_of(error: HTTPError) -> str:
     if 300 <= error.code < 400:
         return f"the service answered with {error.code}: what it redirects to is not asked"
     try:
-        told = json.loads(error.read(LARGEST_ANSWER))
-        return "; ".join([one["message"] for one in told.get("errors", [])] or [told["detail"]])
+        answer = json.loads(error.read(LARGEST_ANSWER))
+        return "; ".join(
+            [problem["message"] for problem in answer.get("errors", [])] or [answer["detail"]]
+        )
     except (ValueError, KeyError, TypeError, AttributeError):
         return f"the service answered with {error.code}"
 
@@ -159,8 +161,8 @@ class Exchange(Thread):
     def answers(self) -> list[tuple[Table | None, float]]:
         """Take the answers that have come, each with its time."""
         with self._lock:
-            found, self._answers = self._answers, []
-        return found
+            taken, self._answers = self._answers, []
+        return taken
 
     def run(self) -> None:
         """Exchange again and again; a failure is said once, and tried again."""
@@ -205,8 +207,11 @@ def _words_of(error: Exception) -> str:
 
 def _print(sentence: str) -> None:
     # What the service says may say what others wrote.
-    shown = "".join(one if one.isprintable() else repr(one)[1:-1] for one in sentence[:1000])
-    print(f"thermap: {shown}", file=sys.stderr, flush=True)
+    printable = "".join(
+        character if character.isprintable() else repr(character)[1:-1]
+        for character in sentence[:1000]
+    )
+    print(f"thermap: {printable}", file=sys.stderr, flush=True)
 
 
 class Pins:
@@ -237,14 +242,14 @@ class Pins:
 
     def nodes(self) -> Nodes:
         """Read the positions of the curves' points [mm], of the axes that have curves."""
-        found = {}
+        nodes = {}
         for axis in AXES:
             points = self._points(_positions_of(axis))
             if points:
-                found[axis] = tuple(value / self._units_per_mm for value in points)
-        if not found:
+                nodes[axis] = tuple(value / self._units_per_mm for value in points)
+        if not nodes:
             raise _not_wired(f"{_positions_of(AXES[0])}00")
-        return found
+        return nodes
 
     def clock_s(self) -> float:
         """Read how long the controller's thread has run [s]."""
@@ -256,13 +261,13 @@ class Pins:
 
     def held(self, axes: Iterable[str]) -> Curves:
         """Read what the curves of these axes hold [µm]: 0 at the start, else another run's."""
-        found = {}
+        curves = {}
         for code in curves_between(axes):
             stem = f"{curve_name(code)}.y-val-"
-            found[code] = tuple(v / self._units_per_um for v in self._points(stem))
-            if not found[code]:
+            curves[code] = tuple(v / self._units_per_um for v in self._points(stem))
+            if not curves[code]:
                 raise _not_wired(f"{stem}00")
-        return found
+        return curves
 
     def write(self, curves: Curves) -> None:
         """Move the curves' points, those that are elsewhere."""
@@ -275,8 +280,8 @@ class Pins:
 
     def temperatures_c(self) -> dict[str, float]:
         """Read the sensors that say something [°C]."""
-        said = {sensor: float(self._own[pin]) for sensor, pin in self._sensors.items()}
-        return {sensor: t for sensor, t in said.items() if math.isfinite(t)}
+        values = {sensor: float(self._own[pin]) for sensor, pin in self._sensors.items()}
+        return {sensor: t for sensor, t in values.items() if math.isfinite(t)}
 
     def state(self) -> dict[str, float]:
         """Read what else the machine says of itself."""
@@ -297,7 +302,7 @@ class Pins:
             self._own[name.replace("_", "-")] = value
 
     def _points(self, stem: str) -> list[float]:
-        names = {one["NAME"] for one in self._hal.get_info_params()}
+        names = {info_param["NAME"] for info_param in self._hal.get_info_params()}
         wanted = [f"{stem}{number:02d}" for number in range(len(names))]
         return [float(self._hal.get_value(name)) for name in wanted if name in names]
 
@@ -313,20 +318,20 @@ def _not_wired(name: str) -> SystemExit:
     )
 
 
-def follow(hal: Any, stated: argparse.Namespace) -> None:
+def follow(hal: Any, options: argparse.Namespace) -> None:
     """Run the component until it is told to end."""
-    units_per_mm = 1.0 if stated.units == "mm" else 1.0 / MM_PER_INCH
-    pins = Pins(hal, stated.sensor, units_per_mm)
+    units_per_mm = 1.0 if options.units == "mm" else 1.0 / MM_PER_INCH
+    pins = Pins(hal, options.sensor, units_per_mm)
     nodes = pins.nodes()
-    if len(nodes) > len(stated.joint):
+    if len(nodes) > len(options.joint):
         raise SystemExit(
             f"thermap: expected a joint or more for each of the axes that HAL has curves for "
-            f"({', '.join(nodes).upper()}), got {len(stated.joint)} joints"
+            f"({', '.join(nodes).upper()}), got {len(options.joint)} joints"
         )
-    most_um = stated.rate_um_per_s * stated.period_s
-    following = Following(nodes, pins.held(nodes), most_um, 3.0 * stated.every_s)
-    service = Service(stated.url, stated.machine, TIMEOUT_S)
-    exchange = Exchange(service, nodes, stated.every_s, stated.limit_um)
+    most_um = options.rate_um_per_s * options.period_s
+    following = Following(nodes, pins.held(nodes), most_um, 3.0 * options.every_s)
+    service = Service(options.url, options.machine, TIMEOUT_S)
+    exchange = Exchange(service, nodes, options.every_s, options.limit_um)
     due_s = pins.clock_s()
     pins.ready()
     exchange.start()
@@ -336,15 +341,15 @@ def follow(hal: Any, stated: argparse.Namespace) -> None:
             exchange.tell(pins.temperatures_c(), pins.state())
             for table, at in exchange.answers():
                 following.answered(table, at)
-            active = pins.is_active(stated.joint)
+            active = pins.is_active(options.joint)
             if pins.clock_s() >= due_s:
                 pins.write(following.step(active))
-                due_s = pins.clock_s() + stated.period_s
+                due_s = pins.clock_s() + options.period_s
             written = time.monotonic()
             beats = (beats + 1) % 2**32
             _show(pins, following, active, connected=exchange.connected, beats=beats)
-            time.sleep(max(0.0, written + stated.period_s - time.monotonic()))
-            _wait_for_thread(pins, due_s, stated.period_s)
+            time.sleep(max(0.0, written + options.period_s - time.monotonic()))
+            _wait_for_thread(pins, due_s, options.period_s)
     finally:
         pins.show(connected=False, stale=True)
 
@@ -377,20 +382,20 @@ def _show(pins: Pins, following: Following, active: bool, *, connected: bool, be
 
 def parser() -> argparse.ArgumentParser:
     """Make the reader of the component's own command line."""
-    found = argparse.ArgumentParser(prog="thermap hal follow", allow_abbrev=False)
-    found.add_argument("machine")
-    found.add_argument("--url", required=True)
-    found.add_argument("--sensor", action="append", default=[])
-    found.add_argument("--joint", action="append", type=int, default=[])
-    found.add_argument("--units", choices=["mm", "inch"], default="mm")
+    argument_parser = argparse.ArgumentParser(prog="thermap hal follow", allow_abbrev=False)
+    argument_parser.add_argument("machine")
+    argument_parser.add_argument("--url", required=True)
+    argument_parser.add_argument("--sensor", action="append", default=[])
+    argument_parser.add_argument("--joint", action="append", type=int, default=[])
+    argument_parser.add_argument("--units", choices=["mm", "inch"], default="mm")
     for name in ("every-s", "period-s", "rate-um-per-s", "limit-um"):
-        found.add_argument(f"--{name}", type=float, required=True)
-    return found
+        argument_parser.add_argument(f"--{name}", type=float, required=True)
+    return argument_parser
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run the component in LinuxCNC's Python."""
-    stated = parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     try:
         # The module is LinuxCNC's own; nobody else's Python has it.
         hal = import_module("hal")
@@ -401,6 +406,6 @@ def main(arguments: Sequence[str]) -> None:
         ) from None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        follow(hal, stated)
+        follow(hal, options)
     except KeyboardInterrupt:  # HAL unloads a component so
         sys.exit(0)

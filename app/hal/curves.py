@@ -73,8 +73,8 @@ def curves_between(axes: Iterable[str]) -> dict[str, tuple[str, str]]:
     >>> list(curves_between("xz"))
     ['EXX', 'EZX', 'EXZ', 'EZZ']
     """
-    own = set(axes)
-    return {code: pair for code, pair in CURVES.items() if own.issuperset(pair)}
+    moving = set(axes)
+    return {code: pair for code, pair in CURVES.items() if moving.issuperset(pair)}
 
 
 def zero_curves(nodes: Nodes) -> Curves:
@@ -94,10 +94,10 @@ def nodes_of(travel_mm: Sequence[float], positions_mm: Iterable[float]) -> tuple
     positions_mm
         Positions of all its maps [mm], in any order.
     """
-    stated = sorted({round(float(one), 6) for one in (*travel_mm, *positions_mm)})
-    if 2 < len(stated) <= MOST_POINTS:
-        return tuple(stated)
-    low, high = stated[0], stated[-1]
+    positions = sorted({round(float(mm), 6) for mm in (*travel_mm, *positions_mm)})
+    if 2 < len(positions) <= MOST_POINTS:
+        return tuple(positions)
+    low, high = positions[0], positions[-1]
     step = (high - low) / (MOST_POINTS - 1)
     return tuple(low + number * step for number in range(MOST_POINTS))
 
@@ -141,14 +141,14 @@ def table_of(answer: Mapping[str, Any], nodes: Nodes, limit_um: float) -> Table:
     for row in answer["components"]:
         code = row["component"]
         if code in curves:
-            own = nodes[CURVES[code][1]]
+            nodes_mm = nodes[CURVES[code][1]]
             positions, forward = row["positions_mm"], row["compensation_um"]
             backward = row.get("backward_compensation_um") or forward
             means = [(a + b) / 2.0 for a, b in zip(forward, backward)]
             not_held += halves_told({code: largest_half(forward, backward)})
-            curve = [interpolated(at, positions, means) for at in own]
+            curve = [interpolated(at, positions, means) for at in nodes_mm]
             for position, *sides in zip(positions, forward, backward):
-                here = interpolated(position, own, curve)
+                here = interpolated(position, nodes_mm, curve)
                 deviation = max(deviation, *(abs(here - value) for value in sides))
             curves[code] = [a + b for a, b in zip(curves[code], curve)]
         elif SQUARENESS.get(code) in curves:
@@ -203,7 +203,7 @@ def between(curves: Curves, other: Curves) -> Curves:
     }
 
 
-def stepped(held: Curves, target: Curves, most_um: float) -> Curves:
+def stepped(present: Curves, target: Curves, most_um: float) -> Curves:
     """Go from held curves towards others, all in proportion, by a step that marks no surface.
 
     Parameters
@@ -211,14 +211,14 @@ def stepped(held: Curves, target: Curves, most_um: float) -> Curves:
     most_um
         What no axis moves by more than, at whatever position the machine stands [µm].
     """
-    change = between(held, target)
+    change = between(present, target)
     largest = max(largest_moves(change).values())
     if largest <= most_um:
         return target
     share = most_um / largest
     return {
         code: tuple(a + share * d for a, d in zip(values, change[code]))
-        for code, values in held.items()
+        for code, values in present.items()
     }
 
 

@@ -36,24 +36,29 @@ def trusted_readings(model: CompiledModel, readings: TemperatureHistory) -> Temp
     trusted = _looking_back(model, readings)
     followed = _followed(model)
     return without_doubtful(
-        trusted, [one for one in doubtful_sensors(trusted) if one.sensor not in followed]
+        trusted,
+        [
+            doubtful_sensor
+            for doubtful_sensor in doubtful_sensors(trusted)
+            if doubtful_sensor.sensor not in followed
+        ],
     )
 
 
 def doubts(model: CompiledModel, readings: TemperatureHistory) -> tuple[NotTested, ...]:
     """Name the sensors that left their neighbours, and what became of their readings."""
-    found = doubtful_sensors(_looking_back(model, readings))
+    doubtful = doubtful_sensors(_looking_back(model, readings))
     return tuple(
-        NotTested(SensorFault.kind, one.sensor, _reason(one, one.sensor in _followed(model)))
-        for one in found
+        NotTested(SensorFault.kind, doubt.sensor, _reason(doubt, doubt.sensor in _followed(model)))
+        for doubt in doubtful
     )
 
 
 def comparisons(doubted: Sequence[NotTested]) -> tuple[str, ...]:
     """Say what to do about doubtful sensors."""
     return tuple(
-        f"Compare {one.on} with a calibrated thermometer placed beside it: it {one.reason}."
-        for one in doubted
+        f"Compare {doubt.on} with a calibrated thermometer placed beside it: it {doubt.reason}."
+        for doubt in doubted
     )
 
 
@@ -73,13 +78,13 @@ def _followed(model: CompiledModel) -> set[str]:
     return {scale.sensor for group in model.groups for scale in group.scales}
 
 
-def _reason(one: DoubtfulSensor, is_followed: bool) -> str:
+def _reason(sensor: DoubtfulSensor, is_followed: bool) -> str:
     used = (
         "components follow it, and its readings are used as they are"
         if is_followed
         else "no component follows it, and its readings since then are not used"
     )
     return (
-        f"departed from its neighbours by {one.off_by_k:+.1f} K on {date_text(one.since_s)}, "
-        f"having stayed within {one.usual_k:.1f} K of them before; {used}"
+        f"departed from its neighbours by {sensor.off_by_k:+.1f} K on {date_text(sensor.since_s)}, "
+        f"having stayed within {sensor.usual_k:.1f} K of them before; {used}"
     )

@@ -195,8 +195,8 @@ def trials(members: Sequence[Member]) -> list[Trial]:
     return [
         Trial(first.id, first.analysis or 0, place, other.id)
         for together in _claims(members).values()
-        for first, place, one in [together[0]]
-        if is_tried(one)
+        for first, place, effect in [together[0]]
+        if is_tried(effect)
         for other in _sisters(members, first)
         if other.id not in {m.id for m, _, _ in together} and other.has_verifications
     ]
@@ -212,23 +212,23 @@ def judge_fleet(members: Sequence[Member], tried: Mapping[Trial, TriedEffect]) -
     return FleetJudgement(_summary(machines, effects), tuple(machines), tuple(effects), len(tried))
 
 
-_Found: TypeAlias = tuple[Member, int, FoundEffect]
+_Claim: TypeAlias = tuple[Member, int, FoundEffect]
 
 
-def _claims(members: Sequence[Member]) -> Mapping[object, list[_Found]]:
+def _claims(members: Sequence[Member]) -> Mapping[object, list[_Claim]]:
     """Put effects together that say the same of sisters, the surest first."""
-    found: dict[object, list[_Found]] = defaultdict(list)
+    claims: dict[object, list[_Claim]] = defaultdict(list)
     for member in members:
-        for place, one in enumerate(member.result.effects if member.result else ()):
-            found[member.likeness, claim_of(one.effect)].append((member, place, one))
-    for together in found.values():
+        for place, effect in enumerate(member.result.effects if member.result else ()):
+            claims[member.likeness, claim_of(effect.effect)].append((member, place, effect))
+    for together in claims.values():
         together.sort(key=lambda f: (not f[2].helps, -(f[2].evidence.two_ln_bayes_factor or 0.0)))
-    return found
+    return claims
 
 
-def is_tried(one: FoundEffect) -> bool:
+def is_tried(effect: FoundEffect) -> bool:
     """Whether an effect is a candidate for sisters of the machine on which it was found."""
-    return one.helps and kind_of(one.kind).of_the_type
+    return effect.helps and kind_of(effect.kind).of_the_type
 
 
 def _sisters(members: Iterable[Member], of: Member) -> list[Member]:
@@ -249,59 +249,59 @@ def _machine(members: Sequence[Member], member: Member) -> FleetMachine:
         unit=None if result is None else result.unit,
         before_rms_um=None if result is None else result.before.shown_rms,
         after_rms_um=None if result is None else result.after.shown_rms,
-        found=() if result is None else tuple(one.explanation for one in result.effects),
+        found=() if result is None else tuple(effect.explanation for effect in result.effects),
     )
 
 
 def _drifts(member: Member) -> str | None:
     """Say why a machine is no longer what its model says; None where nothing says so."""
     effects = member.result.effects if member.result else ()
-    reasons = [one.explanation for one in effects if kind_of(one.kind).of_time_alone]
+    reasons = [effect.explanation for effect in effects if kind_of(effect.kind).of_time_alone]
     if member.watch == "beyond":
         reasons.insert(0, "the latest verifications exceed the limits of its watch")
     return "; ".join(reasons) or None
 
 
 def _shared(
-    members: Sequence[Member], together: Sequence[_Found], tried: Mapping[Trial, TriedEffect]
+    members: Sequence[Member], together: Sequence[_Claim], tried: Mapping[Trial, TriedEffect]
 ) -> SharedEffect:
-    first, place, one = together[0]
+    first, place, effect = together[0]
     ids = {member.id for member, _, _ in together}
     others = [m for m in _sisters(members, first) if m.id not in ids]
     results = {m.id: tried.get(Trial(first.id, first.analysis or 0, place, m.id)) for m in others}
     tried_on = tuple(TriedOn(on, result) for on, result in results.items() if result is not None)
-    not_tried = {m.id: _why_not_tried(one, m) for m in others if results[m.id] is None}
+    not_tried = {m.id: _why_not_tried(effect, m) for m in others if results[m.id] is None}
     return SharedEffect(
-        kind=one.kind,
-        variant=one.variant,
-        components=one.components,
-        sensors=one.sensors,
-        states=one.states,
-        explanation=explain(one.effect),
+        kind=effect.kind,
+        variant=effect.variant,
+        components=effect.components,
+        sensors=effect.sensors,
+        states=effect.states,
+        explanation=explain(effect.effect),
         found_on=tuple(
             FoundOn(
                 machine=member.id,
                 analysis=member.analysis or 0,
                 effect=number,
-                status=found.status,
-                helps=found.helps,
-                parameters=found.parameters,
-                standard_errors=found.standard_errors,
+                status=their_effect.status,
+                helps=their_effect.helps,
+                parameters=their_effect.parameters,
+                standard_errors=their_effect.standard_errors,
             )
-            for member, number, found in together
+            for member, number, their_effect in together
         ),
         tried_on=tried_on,
         not_tried_on=not_tried,
-        summary=_said(together, others, tried_on),
+        summary=_summary_words(together, others, tried_on),
     )
 
 
-def _why_not_tried(one: FoundEffect, other: Member) -> str:
+def _why_not_tried(effect: FoundEffect, other: Member) -> str:
     if not other.has_verifications:
         return "nothing was measured there"
-    if not kind_of(one.kind).of_the_type:
+    if not kind_of(effect.kind).of_the_type:
         return "an effect of this kind is one machine's own history"
-    if not one.helps:
+    if not effect.helps:
         return "it is not known to help where it was found"
     return "it could not be tried"
 
@@ -314,17 +314,19 @@ _WORDS: Final[Mapping[Literal["yes", "no", "cannot-be-told", "adopted"], str]] =
 }
 
 
-def _said(together: Sequence[_Found], others: Sequence[Member], tried_on: Sequence[TriedOn]) -> str:
+def _summary_words(
+    together: Sequence[_Claim], others: Sequence[Member], tried_on: Sequence[TriedOn]
+) -> str:
     """Write on how many it was found and tried, and with which answer."""
     of_all = len(together) + len(others)
-    found = f"found on {len(together)} of {of_all}"
+    prevalence = f"found on {len(together)} of {of_all}"
     if of_all == 1:
         return "found on 1, which has no sisters"
     if not tried_on:
-        return f"{found}; tried on none of the others" if others else f"{found} sisters"
-    counts = Counter(one.result.verdict for one in tried_on)
+        return f"{prevalence}; tried on none of the others" if others else f"{prevalence} sisters"
+    counts = Counter(trial.result.verdict for trial in tried_on)
     answers = ", ".join(f"{_WORDS[verdict]} on {n}" for verdict, n in counts.items())
-    return f"{found}, tried on {len(tried_on)} of the other {len(others)}: {answers}"
+    return f"{prevalence}, tried on {len(tried_on)} of the other {len(others)}: {answers}"
 
 
 def _summary(machines: Sequence[FleetMachine], effects: Sequence[SharedEffect]) -> str:

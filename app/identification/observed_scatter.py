@@ -87,9 +87,12 @@ def observed_scatter(campaign: Campaign, residuals: Residuals) -> ObservedScatte
     residuals
         The campaign's own.
     """
-    stated = residuals.as_rows().noise
-    if sum(one.repeatability is not None for one in stated.values()) < FEWEST_CHANNELS:
-        return ObservedScatter(stated, None)
+    declared = residuals.as_rows().noise
+    if (
+        sum(channel_noise.repeatability is not None for channel_noise in declared.values())
+        < FEWEST_CHANNELS
+    ):
+        return ObservedScatter(declared, None)
     trusted = trusted_readings(campaign.model, campaign.readings)
     inexact = inexact_sensors(campaign.model.machine, trusted)
     looking_back = residuals_of(campaign, inexact) if inexact else residuals
@@ -99,31 +102,33 @@ def observed_scatter(campaign: Campaign, residuals: Residuals) -> ObservedScatte
         maps = map_uncertainty(projection, campaign.maps, errors)
     except InvalidContent:
         # Too many for any analysis: what is stated is all that is known.
-        return ObservedScatter(stated, None)
+        return ObservedScatter(declared, None)
     with one_blas_thread():
-        found, _ = screen_at_common_scatter(rows, maps)
-    shown = {c: n.repeatability for c, n in found.noise.items() if n.origin == COMMON}
-    known = {c: value for c, value in shown.items() if value is not None}
-    return ObservedScatter(found.noise, contradiction(looking_back, rows, known))
+        screened, _ = screen_at_common_scatter(rows, maps)
+    common = {c: n.repeatability for c, n in screened.noise.items() if n.origin == COMMON}
+    observed = {c: value for c, value in common.items() if value is not None}
+    return ObservedScatter(screened.noise, contradiction(looking_back, rows, observed))
 
 
 def contradiction(
-    residuals: Residuals, rows: Rows, shown: Mapping[int, float]
+    residuals: Residuals, rows: Rows, common: Mapping[int, float]
 ) -> Contradiction | None:
     """Put a contradiction into figures.
 
     Parameters
     ----------
-    shown
+    common
         Channel to what nearly all lengths show in its place [µm]; empty: nothing is contradicted.
     """
-    if not shown:
+    if not common:
         return None
-    size = rms(np.array(list(shown.values())))
-    before = rms(np.array([rows.noise[c].repeatability or np.nan for c in shown]))
-    own = residuals.rows
-    which = np.unique(own.verification[np.isin(own.channel, list(shown))]).tolist()
-    values = [own.verifications[i].repeatability_um for i in which]
-    stated = sorted({f"{value:.2g}" for value in values if value is not None}, key=float)
-    number = " to ".join(dict.fromkeys([stated[0], stated[-1]]))
+    size = rms(np.array(list(common.values())))
+    before = rms(np.array([rows.noise[c].repeatability or np.nan for c in common]))
+    observations = residuals.rows
+    which = np.unique(
+        observations.verification[np.isin(observations.channel, list(common))]
+    ).tolist()
+    values = [observations.verifications[i].repeatability_um for i in which]
+    declared = sorted({f"{value:.2g}" for value in values if value is not None}, key=float)
+    number = " to ".join(dict.fromkeys([declared[0], declared[-1]]))
     return Contradiction(number, size, size / before)

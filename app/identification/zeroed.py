@@ -34,7 +34,7 @@ def with_true_zeros(rows: ObservationRows) -> ObservationRows:
     ObservationRows
         The same rows of the same verifications, some with another datum.
     """
-    asked = [
+    undeclared = [
         number
         for number, v in enumerate(rows.verifications)
         if v.datum is Datum.ABSOLUTE and not v.is_planned
@@ -42,7 +42,7 @@ def with_true_zeros(rows: ObservationRows) -> ObservationRows:
     is_zero, is_first = rows.measured == 0.0, _first_rows(rows)
     # Of a verification without any other first value the first values are all 0.
     others = set(rows.verification[is_first & ~is_zero].tolist())
-    zeroed_at_first = [number for number in asked if number not in others]
+    zeroed_at_first = [number for number in undeclared if number not in others]
     here = np.isin(rows.verification, zeroed_at_first)
     firsts, later = np.count_nonzero(here & is_first), here & ~is_first
     chance = (np.count_nonzero(is_zero[later]) + 1.0) / (np.count_nonzero(later) + 2.0)
@@ -68,14 +68,14 @@ def zeroed(before: Sequence[Verification], after: Sequence[Verification]) -> tup
     return (NotTested(OutdatedMap.kind, named, reason),)
 
 
-def to_state(found: Sequence[NotTested]) -> tuple[str, ...]:
+def to_state(not_tested: Sequence[NotTested]) -> tuple[str, ...]:
     """Say what to do about them."""
     return tuple(
         (
-            f"Store {one.on} again with the datum `first` if the instrument was zeroed at the "
+            f"Store {item.on} again with the datum `first` if the instrument was zeroed at the "
             "first reading."
         )
-        for one in found
+        for item in not_tested
     )
 
 
@@ -84,6 +84,6 @@ def _first_rows(rows: ObservationRows) -> BoolArray:
     order = np.lexsort((rows.times_s, rows.channel, rows.visit))
     key = np.column_stack([rows.visit, rows.channel])[order]
     begins = np.append(True, (key[1:] != key[:-1]).any(axis=1))
-    found = np.zeros(len(rows), dtype=np.bool_)
-    found[order[begins]] = True
-    return found
+    first_rows = np.zeros(len(rows), dtype=np.bool_)
+    first_rows[order[begins]] = True
+    return first_rows

@@ -86,8 +86,8 @@ class CarriedPast:
                 past = self._of_record(stored)  # outside the lock: arrivals do not wait for it
                 with self._lock:
                     self._begin_with(past, stored)
-                    known = {reading.time for reading in stored}
-                    new = _in_order(r for r in self._waiting if r.time not in known)
+                    stored_times = {reading.time for reading in stored}
+                    new = _in_order(r for r in self._waiting if r.time not in stored_times)
                     self._take(stored, new)
                     if self.is_behind:
                         together = _in_order([*stored, *new])
@@ -106,11 +106,11 @@ class CarriedPast:
             if reading.time not in times:
                 continue
             time_s = reading.time.timestamp()
-            known = {s: v for s, t in history.temperatures_c.items() if (v := float(t[i])) == v}
-            if past.is_out_of_order(time_s, known, reading.state):
+            present = {s: v for s, t in history.temperatures_c.items() if (v := float(t[i])) == v}
+            if past.is_out_of_order(time_s, present, reading.state):
                 self.is_behind = True
             else:
-                past = past.update(time_s, known, reading.state)
+                past = past.update(time_s, present, reading.state)
         self.now = past
 
     def _arrived_meanwhile(self) -> list[Reading]:

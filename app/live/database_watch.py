@@ -42,9 +42,9 @@ class DatabaseWatch:
     @property
     def trouble(self) -> Trouble | None:
         """What is the matter now, None as long as all is well."""
-        asked = self._asked
-        if self._known is None and asked is not None and monotonic() - asked[0] > SILENCE_S:
-            return Trouble(TroubleKind.SILENT, asked[1])
+        pending = self._asked
+        if self._known is None and pending is not None and monotonic() - pending[0] > SILENCE_S:
+            return Trouble(TroubleKind.SILENT, pending[1])
         return self._known
 
     def note_question(self, now: datetime) -> None:

@@ -131,16 +131,16 @@ class ReadingWindow:
             were ahead.
         """
         with self._lock:
-            held = self.held
+            window = self.held
             came = list(readings)
-            known = {reading.time for part in (held.used, held.ahead) for reading in part}
-            new = [reading for reading in came if reading.time not in known]
-            if not new and held.is_as_of(until):
+            times = {reading.time for part in (window.used, window.ahead) for reading in part}
+            new = [reading for reading in came if reading.time not in times]
+            if not new and window.is_as_of(until):
                 return [reading for reading in came if reading.time <= until]
-            self.held = _split([*new, *held.used, *held.ahead], machine, until, held)
+            self.held = _split([*new, *window.used, *window.ahead], machine, until, window)
             self._arrivals.note(came, until)
             # One that was ahead can come again: it is taken once.
-            usable = {r.time: r for r in (*came, *held.ahead) if r.time <= until}
+            usable = {r.time: r for r in (*came, *window.ahead) if r.time <= until}
             return [*usable.values()]
 
     def replace(self, machine: Machine, readings: Iterable[Reading], until: datetime) -> None:
@@ -151,12 +151,12 @@ class ReadingWindow:
     def drop(self, since: datetime, until: datetime) -> None:
         """Let go of the readings between two times, both included."""
         with self._lock:
-            held = self.held
+            window = self.held
             used, ahead = (
                 tuple(r for r in part if not since <= r.time <= until)
-                for part in (held.used, held.ahead)
+                for part in (window.used, window.ahead)
             )
-            self.held = HeldReadings(used, ahead, held.more_ahead)
+            self.held = HeldReadings(used, ahead, window.more_ahead)
 
     def judge(self, machine: Machine) -> Sequence[SensorState]:
         """Judge every sensor at the time of the latest reading."""
@@ -236,8 +236,8 @@ def _indices_of_sensors(ordered: Sequence[Reading]) -> list[IntArray]:
     together = ordered[0].temperatures_c.keys()
     if all(reading.temperatures_c.keys() == together for reading in ordered):
         return [np.arange(len(ordered))]
-    found: dict[str, list[int]] = defaultdict(list)
+    by_sensor: dict[str, list[int]] = defaultdict(list)
     for i, reading in enumerate(ordered):
         for sensor in reading.temperatures_c:
-            found[sensor].append(i)
-    return [np.array(indices) for indices in found.values()]
+            by_sensor[sensor].append(i)
+    return [np.array(indices) for indices in by_sensor.values()]

@@ -101,31 +101,31 @@ class LiveMachine:
                 # Some of them may have been withdrawn since, or some of those here.
                 self.is_behind = True
         if without := self.without_value:
-            told = {n: r.time for r in arrived.readings for n in r.temperatures_c if n in without}
-            self.note_values([name for name, time in told.items() if time >= without[name]], {})
+            latest = {n: r.time for r in arrived.readings for n in r.temperatures_c if n in without}
+            self.note_values([name for name, time in latest.items() if time >= without[name]], {})
 
     def note_values(self, present: Collection[str], absent: Mapping[str, datetime]) -> None:
         """Take note of which sensors have a value, and of whom it is said that they have none."""
         if absent or not self.without_value.keys().isdisjoint(present):
             with self._lock_of_values:
-                known = {**absent, **self.without_value}
+                absent_since = {**absent, **self.without_value}
                 sensors = self.current.model.machine.sensors.keys() - set(present)
-                self.without_value = {k: t for k, t in known.items() if k in sensors}
+                self.without_value = {k: t for k, t in absent_since.items() if k in sensors}
 
     def last_times(self, sensors: Collection[str]) -> Mapping[str, datetime]:
         """Say when each of some sensors had its latest value, where it had any."""
-        found: dict[str, datetime] = {}
+        times: dict[str, datetime] = {}
         for reading in reversed(self.readings.held.used):
-            found |= {n: reading.time for n in sensors if n in reading.temperatures_c} | found
-            if len(found) == len(sensors):
+            times |= {n: reading.time for n in sensors if n in reading.temperatures_c} | times
+            if len(times) == len(sensors):
                 break
-        return found
+        return times
 
     def has_none_from(self, time: datetime) -> bool:
         """Whether the database has no reading of this time or later, as far as is known here."""
-        held = self.readings.held
-        last = held.ahead[-1:] or held.used[-1:]
-        return not self.is_behind and not held.more_ahead and all(r.time < time for r in last)
+        window = self.readings.held
+        last = window.ahead[-1:] or window.used[-1:]
+        return not self.is_behind and not window.more_ahead and all(r.time < time for r in last)
 
     def advance_to(self, until: datetime) -> None:
         """Use what lay ahead and has come; if the clock was set back, leave what now lies ahead.
@@ -163,23 +163,23 @@ class LiveMachine:
             if stored.withdrawals > self.withdrawals:
                 self._begin_past_anew()
             arrived = list(meanwhile)
-            known = [a for a in arrived if a.withdrawals == stored.withdrawals]
-            readings = [*stored.readings, *(r for a in known for r in a.readings)]
+            comparable = [a for a in arrived if a.withdrawals == stored.withdrawals]
+            readings = [*stored.readings, *(r for a in comparable for r in a.readings)]
             self.readings.replace(self.current.model.machine, readings, until)
             self.withdrawals = stored.withdrawals
-            self.is_behind = len(known) < len(arrived)
+            self.is_behind = len(comparable) < len(arrived)
             self.past.add(self.readings.held.used, [r for r in readings if r.time <= until])
 
     def _take(self, readings: Sequence[Reading], until: datetime) -> None:
-        machine, held = self.current.model.machine, self.readings.held
+        machine, window = self.current.model.machine, self.readings.held
         usable = self.readings.add(machine, readings, until)
-        before = held.used
-        if held.reaches_past(until):
+        before = window.used
+        if window.reaches_past(until):
             # The window was that of a time that has not come, and let go of what it needs now.
             self._begin_past_anew()
             self.is_behind = True
             before = self.readings.held.used
-        if held.more_ahead and len(self.readings.held.ahead) < MOST_AHEAD // 2:
+        if window.more_ahead and len(self.readings.held.ahead) < MOST_AHEAD // 2:
             self.is_behind = True
         self.past.add(before, usable)
 
@@ -223,15 +223,15 @@ class LiveRegistry:
         """
         machine = live.model.machine
         with self._lock:
-            known = self._machines.get(machine.id)
-            if known is None or known.current.created_at != live.created_at:
-                if known is not None and known.current.stamp > live.stamp:
-                    return known
-                known = LiveMachine(live)
-                self._machines[machine.id] = known
-            elif live.stamp >= known.current.stamp:
-                known.replace(live)
-            return known
+            present = self._machines.get(machine.id)
+            if present is None or present.current.created_at != live.created_at:
+                if present is not None and present.current.stamp > live.stamp:
+                    return present
+                present = LiveMachine(live)
+                self._machines[machine.id] = present
+            elif live.stamp >= present.current.stamp:
+                present.replace(live)
+            return present
 
     def forget(self, machine_id: str) -> None:
         """Take a deleted machine out of memory."""

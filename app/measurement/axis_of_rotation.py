@@ -123,16 +123,16 @@ def fit_position(points_mm: FloatArray, angles_rad: FloatArray, places: FloatArr
     """
     mean = points_mm.mean(axis=0)
     design = _position_design(angles_rad)
-    found, *_ = np.linalg.lstsq(design, (points_mm - mean)[:, :2].T.ravel(), rcond=None)
+    solution, *_ = np.linalg.lstsq(design, (points_mm - mean)[:, :2].T.ravel(), rcond=None)
     along = [points_mm[places == place, 2].mean() for place in places]
     return AxisFit(
         height_mm=float(mean[2]),
-        crossing_mm=mean[:2] + found[:2],
+        crossing_mm=mean[:2] + solution[:2],
         tilts_rad=np.zeros(2),
-        start_mm=mean + np.append(found[:2] + found[2:], 0.0),
-        fitted_mm=np.column_stack([mean[:2] + (design @ found).reshape(2, -1).T, along]),
+        start_mm=mean + np.append(solution[:2] + solution[2:], 0.0),
+        fitted_mm=np.column_stack([mean[:2] + (design @ solution).reshape(2, -1).T, along]),
         cofactor=_cofactor(design)[:2, :2],
-        unknowns=found.size + np.unique(places).size,
+        unknowns=solution.size + np.unique(places).size,
     )
 
 
@@ -168,27 +168,27 @@ def fit_axis(points_mm: FloatArray, angles_rad: FloatArray) -> AxisFit:
     size[2:4] = 1.0 / max(first.radius_mm, np.linalg.norm(centred, axis=1).max())
 
     def misfit(unknowns: FloatArray) -> FloatArray:
-        left: FloatArray = (_turned(unknowns, angles_rad) - centred).ravel()
-        return left
+        residual: FloatArray = (_turned(unknowns, angles_rad) - centred).ravel()
+        return residual
 
     def slopes(unknowns: FloatArray) -> FloatArray:
         return _slopes(unknowns, angles_rad)
 
     guess = np.concatenate([first.crossing_mm, first.tilts_rad, first.start_mm])
-    found = least_squares(
+    solution = least_squares(
         misfit, guess, slopes, method="lm", x_scale=size,
         xtol=_FINEST, ftol=_FINEST, gtol=_FINEST, max_nfev=_MOST_TRIES,
     )  # fmt: skip
-    scaled = _slopes(found.x, angles_rad) * size
+    scaled = _slopes(solution.x, angles_rad) * size
     cofactor = _cofactor(scaled) * np.outer(size, size)
     return AxisFit(
         height_mm=float(mean[2]),
-        crossing_mm=mean[:2] + found.x[:2],
-        tilts_rad=found.x[2:4],
-        start_mm=mean + found.x[4:],
-        fitted_mm=mean + _turned(found.x, angles_rad),
+        crossing_mm=mean[:2] + solution.x[:2],
+        tilts_rad=solution.x[2:4],
+        start_mm=mean + solution.x[4:],
+        fitted_mm=mean + _turned(solution.x, angles_rad),
         cofactor=cofactor[:4, :4],
-        unknowns=found.x.size,
+        unknowns=solution.x.size,
     )
 
 
@@ -228,15 +228,15 @@ def _slopes(unknowns: FloatArray, angles_rad: FloatArray) -> FloatArray:
 def _position_design(angles_rad: FloatArray) -> FloatArray:
     """Differentiate the coordinates in the plane by those of the centre and of the arm."""
     cos, sin = np.cos(angles_rad), np.sin(angles_rad)
-    one, zero = np.ones_like(cos), np.zeros_like(cos)
-    firsts = np.column_stack([one, zero, cos, -sin])
-    seconds = np.column_stack([zero, one, sin, cos])
+    ones, zero = np.ones_like(cos), np.zeros_like(cos)
+    firsts = np.column_stack([ones, zero, cos, -sin])
+    seconds = np.column_stack([zero, ones, sin, cos])
     return np.concatenate([firsts, seconds])
 
 
 def _cofactor(design: FloatArray) -> FloatArray:
     """Invert the normal equations; what nothing shows becomes as good as infinite."""
     _, singular, rows = np.linalg.svd(design, full_matrices=False)
-    kept = np.maximum(singular, singular[0] * _UNSEEN)
-    inverse: FloatArray = (rows.T / kept**2) @ rows
+    clipped = np.maximum(singular, singular[0] * _UNSEEN)
+    inverse: FloatArray = (rows.T / clipped**2) @ rows
     return inverse

@@ -124,15 +124,13 @@ def body_diagonal(
     {'SXY': [10.833]}
     """
     runs = take_runs(diagonals)
-    stated = as_standard_deviation(
+    repeatability = as_standard_deviation(
         "repeatability_um", repeatability_um, "µm", largest=math.inf, zero=False
     )
     noise, freedom = _repeatability(runs)
-    noise = stated if noise is None else noise
-    accuracy = diagonal_accuracy({name: found.displacements_um for name, found in runs.items()})
-    reversal = {
-        name: found.reversal_um for name, found in runs.items() if found.reversal_um is not None
-    }
+    noise = repeatability if noise is None else noise
+    accuracy = diagonal_accuracy({name: run.displacements_um for name, run in runs.items()})
+    reversal = {name: run.reversal_um for name, run in runs.items() if run.reversal_um is not None}
     figures = _figures(accuracy, reversal, noise, freedom)
     notes = list(_notes(runs, noise))
     tables: list[ComponentTable] = []
@@ -164,8 +162,8 @@ def _figures(
 def _repeatability(runs: Mapping[str, DiagonalRuns]) -> tuple[float | None, int]:
     """Pool the spread of repeated runs, each freed of its own zero: µm, degrees of freedom."""
     squares, freedom = 0.0, 0
-    for found in runs.values():
-        for direction in (found.forward_um, found.backward_um):
+    for run in runs.values():
+        for direction in (run.forward_um, run.backward_um):
             rest = direction - direction.mean(axis=1, keepdims=True)
             rest = rest - rest.mean(axis=0, keepdims=True) if len(rest) else rest
             squares += float((rest**2).sum())
@@ -220,13 +218,13 @@ def _rotations(chain: Chain | None) -> list[str]:
     sums = [COMPONENTS[f"S{LINEAR_LETTERS[u]}{LINEAR_LETTERS[v]}".upper()].code for u, v in PLANES]
     angular = (c for c in COMPONENTS.values() if c.kind is Kind.ANGULAR and c.axis in chain.axes)
     for component in angular:
-        one = {component.code: np.ones(1)}
+        unit = {component.code: np.ones(1)}
         stretched = []
         for start, end in ends:
-            errors_um, _ = volumetric_error(chain, one, np.stack([start, end]))
+            errors_um, _ = volumetric_error(chain, unit, np.stack([start, end]))
             stretched.append((errors_um[1] - errors_um[0]) @ (end - start) / box.diagonal_mm)
-        found = np.linalg.solve(_shares(box), np.array(stretched) * MM_PER_M / box.diagonal_mm)
-        for row, sign in enumerate(found[1:].round().tolist()):
+        solution = np.linalg.solve(_shares(box), np.array(stretched) * MM_PER_M / box.diagonal_mm)
+        for row, sign in enumerate(solution[1:].round().tolist()):
             if sign:
                 sums[row] += f" {'+' if sign > 0 else '−'} {component.code}"
     return [
@@ -236,19 +234,19 @@ def _rotations(chain: Chain | None) -> list[str]:
 
 
 def _notes(runs: Mapping[str, DiagonalRuns], noise: float | None) -> list[str]:
-    found = [note for name in DIAGONALS for note in runs[name].suspicions]
+    notes = [note for name in DIAGONALS for note in runs[name].suspicions]
     one_way = [name for name in DIAGONALS if not len(runs[name].backward_um)]
     if one_way:
-        found.append(
+        notes.append(
             f"Measured in one direction only ({', '.join(one_way)}): Ed of ISO 230-6 is of both, "
             "and reversal does not show."
         )
     if noise is None:
-        found.append(
+        notes.append(
             "No uncertainty: runs were not repeated or do not differ, and no repeatability_um was "
             "stated."
         )
-    return found
+    return notes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -354,24 +352,24 @@ def take_runs(diagonals: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, Dia
     return {name: _runs_of(name, diagonals[name]) for name in DIAGONALS}
 
 
-def _runs_of(name: str, stated: Mapping[str, ArrayLike]) -> DiagonalRuns:
+def _runs_of(name: str, measured: Mapping[str, ArrayLike]) -> DiagonalRuns:
     field = f"diagonals.{name}"
-    known = ("positions_mm", "forward_um", "backward_um")
-    if not set(known[:2]) <= set(stated) or not set(stated) <= set(known):
+    fields = ("positions_mm", "forward_um", "backward_um")
+    if not set(fields[:2]) <= set(measured) or not set(measured) <= set(fields):
         raise InvalidContent.of_field(
-            field, f"expected positions_mm, forward_um and maybe backward_um, got {list(stated)}"
+            field, f"expected positions_mm, forward_um and maybe backward_um, got {list(measured)}"
         )
-    positions = _positions(f"{field}.positions_mm", stated["positions_mm"])
-    forward = _readings(f"{field}.forward_um", stated["forward_um"])
+    positions = _positions(f"{field}.positions_mm", measured["positions_mm"])
+    forward = _readings(f"{field}.forward_um", measured["forward_um"])
     forward = over_positions(f"{field}.forward_um", forward, positions.size, "µm")
     backward = np.empty((0, positions.size))
-    if stated.get("backward_um") is not None:
-        got = _readings(f"{field}.backward_um", stated["backward_um"])
+    if measured.get("backward_um") is not None:
+        got = _readings(f"{field}.backward_um", measured["backward_um"])
         if got.size:
             backward = over_positions(f"{field}.backward_um", got, positions.size, "µm")
     for run in (*forward, *backward):
-        if said := positions_for_errors(positions, run):
-            raise InvalidContent.of_field(field, said)
+        if problem := positions_for_errors(positions, run):
+            raise InvalidContent.of_field(field, problem)
     return DiagonalRuns(name, positions, forward, backward)
 
 

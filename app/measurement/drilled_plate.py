@@ -261,8 +261,8 @@ class Squareness(NamedTuple):
     @property
     def table(self) -> ComponentTable:
         """The component; without uncertainty where nothing is known of the noise."""
-        known = not math.isnan(self.standard_error)
-        covariance = [[self.standard_error**2]] if known else None
+        is_determined = not math.isnan(self.standard_error)
+        covariance = [[self.standard_error**2]] if is_determined else None
         return ComponentTable.make(COMPONENTS["SXY"], self.value, covariance=covariance)
 
 

@@ -218,12 +218,12 @@ def _compare(edge: StraightEdge, predicted: FloatArray, line: StraightLine) -> C
     )
 
 
-def _correlation(one: FloatArray, other: FloatArray) -> float | None:
+def _correlation(first: FloatArray, other: FloatArray) -> float | None:
     """Pearson's r, or None where one of the two does not vary beyond rounding."""
-    for values in (one, other):
-        if np.ptp(values) <= 1e-9 * max(float(np.abs(one).max()), float(np.abs(other).max())):
+    for values in (first, other):
+        if np.ptp(values) <= 1e-9 * max(float(np.abs(first).max()), float(np.abs(other).max())):
             return None
-    return pearson_r(one, other)
+    return pearson_r(first, other)
 
 
 def _figures_of_comparison(comparison: Comparison) -> dict[str, float]:
@@ -257,11 +257,11 @@ def _notes(line: str, edge: StraightEdge) -> list[str]:
 
 
 def _suspicion(
-    field: str, positions_mm: FloatArray, values: FloatArray, found: tuple[int, ...]
+    field: str, positions_mm: FloatArray, values: FloatArray, outliers: tuple[int, ...]
 ) -> list[str]:
-    if not found:
+    if not outliers:
         return []
-    places = ", ".join(f"{values[i]:g} µm at {positions_mm[i]:g} mm" for i in found)
+    places = ", ".join(f"{values[i]:g} µm at {positions_mm[i]:g} mm" for i in outliers)
     return [f"Suspicious in {field}: {places}; far from the line through the others, and kept."]
 
 

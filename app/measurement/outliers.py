@@ -120,8 +120,8 @@ def far_holes(residuals_um: FloatArray) -> tuple[int, ...]:
     """
     if len(residuals_um) < FEWEST_TO_JUDGE:
         return ()
-    left = residuals_um - np.median(residuals_um, axis=0)
-    return _beyond(np.hypot(*left.T), max(FAR_HOLE * robust_sd(left), ROUNDING_UM))
+    deviations = residuals_um - np.median(residuals_um, axis=0)
+    return _beyond(np.hypot(*deviations.T), max(FAR_HOLE * robust_sd(deviations), ROUNDING_UM))
 
 
 def _far(sizes: FloatArray, unknowns: int, rounding: float) -> tuple[int, ...]:

@@ -97,10 +97,10 @@ def _expect_small(errors_mm: ComplexArray, n: ComplexArray, m: ComplexArray) -> 
     # No rotation makes a mirrored plate fit: if its mirror image fits, that is what is wrong.
     seen_from_behind = np.conj(n)
     turned = np.vdot(seen_from_behind, m)
-    left = np.abs(m * np.conj(turned) / max(abs(turned), UNTURNED) - seen_from_behind)
+    residuals = np.abs(m * np.conj(turned) / max(abs(turned), UNTURNED) - seen_from_behind)
     perhaps = (
         "mirrored (seen from the other side, or x and y exchanged)"
-        if left.max() * UM_PER_MM <= LARGEST_ERROR_UM
+        if residuals.max() * UM_PER_MM <= LARGEST_ERROR_UM
         else "in another order or another unit"
     )
     raise InvalidContent.of_field(
@@ -178,16 +178,16 @@ def fit_rows_and_columns(nominal_mm: FloatArray, errors_um: FloatArray) -> GridF
 def _on_rows_and_columns(rounded: FloatArray) -> IntArray:
     """Keep holes that share their column and their row with another kept hole."""
     # A hole that goes may leave another one alone in its row: until none goes.
-    kept = np.arange(len(rounded))
-    while kept.size:
-        alone = np.zeros(kept.size, dtype=bool)
-        for coordinate in rounded[kept].T:
+    remaining = np.arange(len(rounded))
+    while remaining.size:
+        alone = np.zeros(remaining.size, dtype=bool)
+        for coordinate in rounded[remaining].T:
             _, place, count = np.unique(coordinate, return_inverse=True, return_counts=True)
             alone |= count[place] < 2
         if not alone.any():
             break
-        kept = kept[~alone]
-    return kept
+        remaining = remaining[~alone]
+    return remaining
 
 
 def _centred(operator: FloatArray, holes: IntArray) -> FloatArray:

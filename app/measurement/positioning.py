@@ -149,8 +149,8 @@ def _runs_of_both_ways(
     return runs
 
 
-def _is_empty(stated: ArrayLike) -> bool:
-    return isinstance(stated, list | tuple | np.ndarray) and len(stated) == 0
+def _is_empty(values: ArrayLike) -> bool:
+    return isinstance(values, list | tuple | np.ndarray) and len(values) == 0
 
 
 def figures_of(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> dict[str, float]:
@@ -250,11 +250,11 @@ def _scatter(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> di
     if not scatters:
         return {}
     figures = {
-        "noise_um": rms(np.array([one.noise for one in scatters])),
-        "run_shift_um": rms(np.array([one.shift for one in scatters])),
-        "noise_degrees_of_freedom": float(sum(one.degrees_of_freedom for one in scatters)),
+        "noise_um": rms(np.array([scatter.noise for scatter in scatters])),
+        "run_shift_um": rms(np.array([scatter.shift for scatter in scatters])),
+        "noise_degrees_of_freedom": float(sum(scatter.degrees_of_freedom for scatter in scatters)),
     }
-    slope = rms(np.array([one.slope_per_m for one in scatters]))
+    slope = rms(np.array([scatter.slope_per_m for scatter in scatters]))
     if math.isfinite(slope):
         figures["run_slope_um_per_m"] = slope
     drift = drift_of(runs)
@@ -304,10 +304,11 @@ def _notes_on_the_standard(targets_mm: FloatArray, runs: Mapping[str, FloatArray
             f"ISO 230-2 asks for {RUNS_OF_THE_STANDARD} runs in each direction, got {fewest}: "
             f"{less}."
         )
-    asked = max(1.0, float(np.ptp(targets_mm)) / MM_PER_M) * TARGETS_OF_THE_STANDARD
-    if targets_mm.size < asked:
+    required = max(1.0, float(np.ptp(targets_mm)) / MM_PER_M) * TARGETS_OF_THE_STANDARD
+    if targets_mm.size < required:
         notes.append(
-            f"ISO 230-2 asks for at least {math.ceil(asked)} targets here, got {targets_mm.size}."
+            f"ISO 230-2 asks for at least {math.ceil(required)} targets here, "
+            f"got {targets_mm.size}."
         )
     if "backward" not in runs:
         notes.append("Approached in one direction only: there is no reversal error.")

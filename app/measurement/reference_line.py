@@ -14,7 +14,7 @@ StraightLine: TypeAlias = Literal["least-squares", "end-points"]
 LINES: Final = ("least-squares", "end-points")
 
 
-def expect_line(field: str, line: str, known: tuple[str, ...] = LINES) -> None:
+def expect_line(field: str, line: str, lines: tuple[str, ...] = LINES) -> None:
     """Refuse a reference line that nobody knows.
 
     Raises
@@ -22,8 +22,8 @@ def expect_line(field: str, line: str, known: tuple[str, ...] = LINES) -> None:
     InvalidContent
         If it is none of them.
     """
-    if line not in known:
-        raise InvalidContent.of_field(field, f"expected {' or '.join(known)}, got {line!r}")
+    if line not in lines:
+        raise InvalidContent.of_field(field, f"expected {' or '.join(lines)}, got {line!r}")
 
 
 def line_through(positions_mm: FloatArray, line: str) -> FloatArray:
@@ -100,10 +100,10 @@ def covariance_through(operator: FloatArray, covariance: FloatArray | float) -> 
     [[1.0]]
     """
     weighted = operator * covariance if np.ndim(covariance) == 0 else operator @ covariance
-    found = weighted @ operator.T
-    found = (found + found.T) / 2
-    np.fill_diagonal(found, np.maximum(np.diagonal(found), 0.0))
-    return found
+    transformed = weighted @ operator.T
+    transformed = (transformed + transformed.T) / 2
+    np.fill_diagonal(transformed, np.maximum(np.diagonal(transformed), 0.0))
+    return transformed
 
 
 def slope_weights(positions_mm: FloatArray, line: str) -> FloatArray:

@@ -235,50 +235,52 @@ def path_error(
     return actual - followed
 
 
-def _measurement(found: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasurement:
-    crossing, cofactor = found.fit.at_height_0()
-    errors = _errors(found, crossing, pivot_mm)
-    covariance = found.covariance_of(cofactor)
-    path = _path_errors(found, errors, pivot_mm)
+def _measurement(fitted: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasurement:
+    crossing, cofactor = fitted.fit.at_height_0()
+    errors = _errors(fitted, crossing, pivot_mm)
+    covariance = fitted.covariance_of(cofactor)
+    path = _path_errors(fitted, errors, pivot_mm)
     return RotaryAxisMeasurement(
-        letter=found.letter,
-        axis=actual_axis(found.letter, errors, pivot_mm),
-        start_mm=frozen(np.roll(found.fit.start_mm, _FRONT[found.letter])),
+        letter=fitted.letter,
+        axis=actual_axis(fitted.letter, errors, pivot_mm),
+        start_mm=frozen(np.roll(fitted.fit.start_mm, _FRONT[fitted.letter])),
         pivot_mm=pivot_mm,
         errors=errors,
         covariance=covariance,
-        residuals_um=found.residuals_um(),
-        noise_um=found.noise_um,
-        degrees_of_freedom=found.degrees_of_freedom,
+        residuals_um=fitted.residuals_um(),
+        noise_um=fitted.noise_um,
+        degrees_of_freedom=fitted.degrees_of_freedom,
         path=path,
         result=MeasurementResult(
             _tables(errors, covariance),
-            figures_of(found) | path.figures(),
-            notes_on(found, errors),
+            figures_of(fitted) | path.figures(),
+            notes_on(fitted, errors),
         ),
     )
 
 
 def _path_errors(
-    found: FittedPoints, errors: Mapping[str, float], pivot_mm: FloatArray
+    fitted: FittedPoints, errors: Mapping[str, float], pivot_mm: FloatArray
 ) -> PathErrors:
-    front = _FRONT[found.letter]
-    measured_mm = np.roll(found.points_mm, front, axis=1)
-    start_mm = np.roll(found.fit.start_mm, front)
-    at_ball_um = (found.fit.crossing_mm - np.roll(pivot_mm, -front)[:2]) * UM_PER_MM
-    position = dict(zip(CODES[found.letter][:2], at_ball_um.tolist(), strict=True))
+    front = _FRONT[fitted.letter]
+    measured_mm = np.roll(fitted.points_mm, front, axis=1)
+    start_mm = np.roll(fitted.fit.start_mm, front)
+    at_ball_um = (fitted.fit.crossing_mm - np.roll(pivot_mm, -front)[:2]) * UM_PER_MM
+    position = dict(zip(CODES[fitted.letter][:2], at_ball_um.tolist(), strict=True))
 
-    def beside_um(known: Mapping[str, float]) -> FloatArray:
-        axis = actual_axis(found.letter, known, pivot_mm)
+    def beside_um(considered: Mapping[str, float]) -> FloatArray:
+        axis = actual_axis(fitted.letter, considered, pivot_mm)
         starts = np.broadcast_to(start_mm, measured_mm.shape)
-        return (measured_mm - axis.turn(starts, found.angles_rad)) * UM_PER_MM
+        return (measured_mm - axis.turn(starts, fitted.angles_rad)) * UM_PER_MM
 
     return PathErrors(beside_um({}), beside_um(position), beside_um(errors))
 
 
-def _errors(found: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray) -> dict[str, float]:
+def _errors(
+    fitted: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray
+) -> dict[str, float]:
     """Name position and, where it was fitted, direction by their codes."""
-    nominal = np.roll(pivot_mm, -_FRONT[found.letter])[:2]
+    nominal = np.roll(pivot_mm, -_FRONT[fitted.letter])[:2]
     position = (crossing_mm - nominal) * UM_PER_MM
     if np.abs(position).max() > VALUE_LIMIT:
         raise InvalidContent.of_field(
@@ -287,8 +289,8 @@ def _errors(found: FittedPoints, crossing_mm: FloatArray, pivot_mm: FloatArray) 
             f"actual one, got {nominal.tolist()} mm where the axis is at "
             f"{crossing_mm.round(1).tolist()} mm",
         )
-    values = [*position.tolist(), *(found.fit.tilts_rad * URAD_PER_RAD).tolist()]
-    return dict(zip(CODES[found.letter][: len(found.fit.cofactor)], values, strict=False))
+    values = [*position.tolist(), *(fitted.fit.tilts_rad * URAD_PER_RAD).tolist()]
+    return dict(zip(CODES[fitted.letter][: len(fitted.fit.cofactor)], values, strict=False))
 
 
 def _tables(

@@ -110,11 +110,11 @@ class FittedPoints:
             np.cross(line.direction, radial),
             np.broadcast_to(line.direction, arm.shape),
         )
-        left = (self.points_mm - self.fit.fitted_mm) * UM_PER_MM
-        return np.column_stack([(left * way).sum(axis=1) for way in ways])
+        residuals = (self.points_mm - self.fit.fitted_mm) * UM_PER_MM
+        return np.column_stack([(residuals * way).sum(axis=1) for way in ways])
 
 
-def figures_of(found: FittedPoints) -> dict[str, float]:
+def figures_of(fitted: FittedPoints) -> dict[str, float]:
     """Sum up how good an R-test is.
 
     Returns
@@ -123,16 +123,16 @@ def figures_of(found: FittedPoints) -> dict[str, float]:
         The unit is in each name. The place of the axis at the ball's height stands
         beside its components, as it is better known than where it crosses 0.
     """
-    letter, fit = found.letter, found.fit
-    at_ball = found.covariance_of(fit.cofactor)
+    letter, fit = fitted.letter, fitted.fit
+    at_ball = fitted.covariance_of(fit.cofactor)
     figures = {
-        "points": float(found.angles_rad.size),
-        "arc_deg": arc_deg(found.angles_rad),
+        "points": float(fitted.angles_rad.size),
+        "arc_deg": arc_deg(fitted.angles_rad),
         "radius_mm": fit.radius_mm,
-        "degrees_of_freedom": float(found.degrees_of_freedom),
+        "degrees_of_freedom": float(fitted.degrees_of_freedom),
     }
-    if found.noise_um is not None:
-        figures["noise_um"] = found.noise_um
+    if fitted.noise_um is not None:
+        figures["noise_um"] = fitted.noise_um
     for i, code in enumerate(CODES[letter][:2]):
         name = f"axis_{code[0].lower()}_at_ball"
         figures[f"{name}_mm"] = float(fit.crossing_mm[i])
@@ -141,12 +141,12 @@ def figures_of(found: FittedPoints) -> dict[str, float]:
     figures["position_um_per_um_of_noise"] = position_per_um(fit)
     direction = urad_per_um(fit)
     if direction is None:
-        return figures | {"axial_range_um": float(np.ptp(found.points_mm[:, 2])) * UM_PER_MM}
+        return figures | {"axial_range_um": float(np.ptp(fitted.points_mm[:, 2])) * UM_PER_MM}
     figures["direction_urad_per_um_of_noise"] = direction
-    return figures | run_out(found.residuals_um(), found.angles_rad)
+    return figures | run_out(fitted.residuals_um(), fitted.angles_rad)
 
 
-def notes_on(found: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...]:
+def notes_on(fitted: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...]:
     """Say what an R-test does not see and what looks weak or wrong.
 
     Parameters
@@ -159,17 +159,17 @@ def notes_on(found: FittedPoints, errors: Mapping[str, float]) -> tuple[str, ...
         "positioning shows in the tangential residuals."
     ]
     if len(errors) == 2:
-        notes.append(_without_direction(found))
-    return (*notes, *_weak_arc(found), *_about_noise(found), *_about_size(errors))
+        notes.append(_without_direction(fitted))
+    return (*notes, *_weak_arc(fitted), *_about_noise(fitted), *_about_size(errors))
 
 
-def _without_direction(found: FittedPoints) -> str:
+def _without_direction(fitted: FittedPoints) -> str:
     """Say why there is no direction, and what that means for the position."""
-    first, second, tilt, other = CODES[found.letter]
-    along = LINEAR_LETTERS[about(found.letter)]
+    first, second, tilt, other = CODES[fitted.letter]
+    along = LINEAR_LETTERS[about(fitted.letter)]
     reason = "Two different angles do not determine the direction"
-    if np.unique(number_places(np.rad2deg(found.angles_rad))).size > 2:
-        tilts = urad_per_um(fit_axis(found.points_mm, found.angles_rad)) or np.inf
+    if np.unique(number_places(np.rad2deg(fitted.angles_rad))).size > 2:
+        tilts = urad_per_um(fit_axis(fitted.points_mm, fitted.angles_rad)) or np.inf
         reason = (
             f"The angles do not determine the direction (1 µm of noise would tilt the axis by "
             f"{tilts:.0f} µrad)"
@@ -177,25 +177,25 @@ def _without_direction(found: FittedPoints) -> str:
     return (
         f"{reason}: {first} and {second} are those of "
         f"an axis of nominal direction through its place at {along} = "
-        f"{found.fit.height_mm:.6g} mm; each µrad of {tilt} or {other} moves them by "
-        f"{abs(found.fit.height_mm) * UM_PER_MM / URAD_PER_RAD:.3g} µm at {along} = 0."
+        f"{fitted.fit.height_mm:.6g} mm; each µrad of {tilt} or {other} moves them by "
+        f"{abs(fitted.fit.height_mm) * UM_PER_MM / URAD_PER_RAD:.3g} µm at {along} = 0."
     )
 
 
-def _weak_arc(found: FittedPoints) -> list[str]:
-    position, direction = position_per_um(found.fit), urad_per_um(found.fit)
+def _weak_arc(fitted: FittedPoints) -> list[str]:
+    position, direction = position_per_um(fitted.fit), urad_per_um(fitted.fit)
     if position < WEAK_POSITION and (direction or 0.0) < WEAK_DIRECTION_URAD:
         return []
     tilts = "" if direction is None else f" and tilts it by {direction:.2g} µrad"
     return [
-        f"The points over {arc_deg(found.angles_rad):.3g}° at a radius of "
-        f"{found.fit.radius_mm:.3g} mm show the axis weakly: 1 µm of noise moves it by "
+        f"The points over {arc_deg(fitted.angles_rad):.3g}° at a radius of "
+        f"{fitted.fit.radius_mm:.3g} mm show the axis weakly: 1 µm of noise moves it by "
         f"{position:.2g} µm at the ball{tilts}."
     ]
 
 
-def _about_noise(found: FittedPoints) -> list[str]:
-    freedom, noise = found.degrees_of_freedom, found.noise_um
+def _about_noise(fitted: FittedPoints) -> list[str]:
+    freedom, noise = fitted.degrees_of_freedom, fitted.noise_um
     if noise is None:
         return ["Nothing tells the noise: no redundancy, and no repeatability_um was stated."]
     if not freedom:
@@ -206,11 +206,11 @@ def _about_noise(found: FittedPoints) -> list[str]:
             f"Standard errors rest on {counted(freedom, 'degree')} of freedom: 95 % of the cases "
             f"are within {stdtrit(freedom, 0.975):.3g} of them."
         )
-    stated = found.repeatability_um
-    if stated and chdtrc(freedom, freedom * (noise / stated) ** 2) < SIGNIFICANT:
+    repeatability = fitted.repeatability_um
+    if repeatability and chdtrc(freedom, freedom * (noise / repeatability) ** 2) < SIGNIFICANT:
         notes.append(
             f"The residuals' {noise:.3g} µm are more than the stated repeatability of "
-            f"{stated:.3g} µm explains: run-out, or errors of the linear axes."
+            f"{repeatability:.3g} µm explains: run-out, or errors of the linear axes."
         )
     return notes
 
@@ -276,8 +276,11 @@ def _harmonics(residuals_um: FloatArray, angles_rad: FloatArray) -> dict[str, fl
     different = np.unique(np.round(np.column_stack(turns[:2]), 3), axis=0)
     if len(different) < ENOUGH_ANGLES or np.linalg.cond(design) > WORST_CONDITION:
         return {}
-    found, *_ = np.linalg.lstsq(design, residuals_um, rcond=None)
-    once, twice = np.hypot(found[1], found[2]), np.hypot(found[3], found[4])
+    coefficients, *_ = np.linalg.lstsq(design, residuals_um, rcond=None)
+    once, twice = (
+        np.hypot(coefficients[1], coefficients[2]),
+        np.hypot(coefficients[3], coefficients[4]),
+    )
     return {
         "radial_once_per_turn_um": float(once[0]),
         "radial_twice_per_turn_um": float(twice[0]),

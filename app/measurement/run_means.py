@@ -81,13 +81,13 @@ def mean_of_runs(
     """
     n, m = readings.shape
     mean = frozen(readings.mean(axis=0))
-    stated = None if repeatability is None else repeatability**2 * np.eye(m) / n
+    declared = None if repeatability is None else repeatability**2 * np.eye(m) / n
     if n < 2:
-        return RunMeans(mean, None, stated, n, None)
+        return RunMeans(mean, None, declared, n, None)
     deviation = readings.std(axis=0, ddof=1)
     scatter = scatter_of_runs(positions_mm, readings)
     if not varies(readings):
-        return RunMeans(mean, deviation, stated, n, scatter)
+        return RunMeans(mean, deviation, declared, n, scatter)
     covariance = covariance_in_a_run(positions_mm, readings, readings) / n
     return RunMeans(mean, deviation, covariance, n, scatter)
 
@@ -193,11 +193,11 @@ def straightened(positions_mm: FloatArray, both: BothWays, line: str) -> BothWay
     )
 
 
-def _joint(one: RunMeans, other: RunMeans, between: FloatArray) -> FloatArray | None:
+def _joint(first: RunMeans, other: RunMeans, between: FloatArray) -> FloatArray | None:
     """Covariance of two directions' means together: (2m, 2m)."""
-    if one.covariance is None or other.covariance is None:
+    if first.covariance is None or other.covariance is None:
         return None
-    return np.block([[one.covariance, between], [between.T, other.covariance]])
+    return np.block([[first.covariance, between], [between.T, other.covariance]])
 
 
 def _combined(
@@ -206,6 +206,6 @@ def _combined(
     """Combine the means of one direction, the first, with those of the other."""
     return replace(
         directions[0],
-        mean=operator @ np.concatenate([one.mean for one in directions]),
+        mean=operator @ np.concatenate([direction.mean for direction in directions]),
         covariance=None if covariance is None else covariance_through(operator, covariance),
     )

@@ -127,9 +127,9 @@ def covariance_in_a_run(
     positions differ, each has its own variance s_i².
     """
     lines = _lines(positions_mm)
-    found = _by_lines(lines, readings, others)
+    covariance = _by_lines(lines, readings, others)
     sizes = _own_size(lines, readings), _own_size(lines, others)
-    scaled: FloatArray = sizes[0][:, None] * found * sizes[1]
+    scaled: FloatArray = sizes[0][:, None] * covariance * sizes[1]
     return scaled
 
 
@@ -148,29 +148,29 @@ def _variances(
 ) -> tuple[FloatArray, float]:
     """Covariance of the runs' lines, and of one reading beside them."""
     n, m = readings.shape
-    one, other = readings - readings.mean(axis=0), others - others.mean(axis=0)
-    of_lines: FloatArray = (one @ lines).T @ (other @ lines) / (n - 1)
+    deviations, other = readings - readings.mean(axis=0), others - others.mean(axis=0)
+    of_lines: FloatArray = (deviations @ lines).T @ (other @ lines) / (n - 1)
     # Orthonormal columns: what all readings vary less what their lines do is beside the lines.
-    beside = float((one * other).sum()) / (n - 1) - float(np.trace(of_lines))
+    beside = float((deviations * other).sum()) / (n - 1) - float(np.trace(of_lines))
     return of_lines, beside / (m - lines.shape[1])
 
 
 def _by_lines(lines: FloatArray, readings: FloatArray, others: FloatArray) -> FloatArray:
     of_lines, noise = _variances(lines, readings, others)
     beside = np.eye(len(lines)) - lines @ lines.T
-    found: FloatArray = lines @ of_lines @ lines.T + noise * beside
-    return found
+    covariance: FloatArray = lines @ of_lines @ lines.T + noise * beside
+    return covariance
 
 
 def _own_size(lines: FloatArray, readings: FloatArray) -> FloatArray:
     """How many times a position's own standard deviation is that of all; 1 if none differs."""
     n, m = readings.shape
     common = np.sqrt(np.maximum(np.diagonal(_by_lines(lines, readings, readings)), 0.0))
-    own = readings.std(axis=0, ddof=1)
+    spread = readings.std(axis=0, ddof=1)
     # Equal readings of a coarse scale have no scatter that could be compared.
-    rounding = ROUNDING * max(float(np.abs(readings).max()), float(own.max()))
-    if n < 3 or m < 2 or min(float(own.min()), float(common.min())) <= rounding:
+    rounding = ROUNDING * max(float(np.abs(readings).max()), float(spread.max()))
+    if n < 3 or m < 2 or min(float(spread.min()), float(common.min())) <= rounding:
         return np.ones(m)
     differ = float(bartlett(*readings.T).pvalue) < POSITIONS_DIFFER
-    sizes: FloatArray = own / common if differ else np.ones(m)
+    sizes: FloatArray = spread / common if differ else np.ones(m)
     return sizes

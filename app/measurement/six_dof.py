@@ -163,11 +163,11 @@ def _readings(
     got: dict[str, tuple[str, ArrayLike]] = {}
     if linear_um is not None:
         got[f"E{axis}{axis}".upper()] = (f"{prefix}linear_um", linear_um)
-    for field, stated, letters in (
+    for field, measured, letters in (
         (f"{prefix}straightness_um", straightness_um, sideways),
         (f"{prefix}angular_urad", angular_urad, ROTATION_LETTERS),
     ):
-        for letter, readings in (stated or {}).items():
+        for letter, readings in (measured or {}).items():
             if letter not in tuple(letters):
                 raise InvalidContent.of_field(
                     field,

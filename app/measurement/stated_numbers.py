@@ -28,12 +28,12 @@ Place: TypeAlias = Callable[[list[int]], str]
 """Says in words which of the numbers an index means."""
 
 
-def as_array(field: str, stated: ArrayLike, expected: str, rows: str = "rows") -> FloatArray:
+def as_array(field: str, values: ArrayLike, expected: str, rows: str = "rows") -> FloatArray:
     """Take numbers as an array, whatever their sizes.
 
     Parameters
     ----------
-    stated : array-like
+    values : array-like
         The numbers, of any shape.
     expected, rows
         What they are with their unit, and what their rows are, for the sentence.
@@ -48,7 +48,7 @@ def as_array(field: str, stated: ArrayLike, expected: str, rows: str = "rows") -
         If something is no number, or rows are of unequal length.
     """
     try:
-        return np.asarray(stated, dtype=np.float64)
+        return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidContent.of_field(
             field, f"expected {expected}, got {rows} of unequal length or no numbers"
@@ -121,13 +121,13 @@ def expect_displacements(field: str, readings_um: FloatArray, place: Place) -> N
 
 
 def as_numbers(
-    field: str, stated: ArrayLike, unit: str, largest: float = math.inf, hint: str = ""
+    field: str, values: ArrayLike, unit: str, largest: float = math.inf, hint: str = ""
 ) -> FloatArray:
     """Take numbers as an array, and refuse what is no number of that unit.
 
     Parameters
     ----------
-    stated : array-like
+    values : array-like
         The numbers, of any shape.
     unit, largest, hint
         As for `expect_plausible`.
@@ -146,7 +146,7 @@ def as_numbers(
     >>> as_numbers("pivot_mm", [0, 1, 2], "mm").tolist()
     [0.0, 1.0, 2.0]
     """
-    numbers = as_array(field, stated, f"numbers in {unit}, rows of equal length")
+    numbers = as_array(field, values, f"numbers in {unit}, rows of equal length")
     expect_plausible(field, numbers, unit, largest, hint)
     return numbers
 
@@ -180,7 +180,7 @@ def as_point(field: str, stated_mm: ArrayLike, largest: float = FARTHEST_MM) -> 
 
 def as_standard_deviation(
     field: str,
-    stated: float | None,
+    deviation: float | None,
     unit: str,
     *,
     largest: float = LARGEST_ERROR_UM,
@@ -190,7 +190,7 @@ def as_standard_deviation(
 
     Parameters
     ----------
-    stated
+    deviation
         The number, or None where nobody knows.
     largest
         Greatest that can be true; infinite where there is no such limit.
@@ -207,13 +207,15 @@ def as_standard_deviation(
     InvalidContent
         If it is negative, not finite, implausibly large, or 0 where that is not allowed.
     """
-    if stated is None or (math.isfinite(stated) and 0 <= stated <= largest and (zero or stated)):
-        return stated
+    if deviation is None or (
+        math.isfinite(deviation) and 0 <= deviation <= largest and (zero or deviation)
+    ):
+        return deviation
     limits = f"from 0 to {largest:g} {unit}"
     if math.isinf(largest):
         limits = f"of {'0 or more' if zero else 'more than 0'} in {unit}"
     raise InvalidContent.of_field(
-        field, f"expected a standard deviation {limits}, got {stated:g} {unit}"
+        field, f"expected a standard deviation {limits}, got {deviation:g} {unit}"
     )
 
 

@@ -85,9 +85,9 @@ def stated_line(
     >>> stated_line("x", [0, 250, 100], [0, 0, 160]).tool_offset_mm
     (0.0, 0.0, 160.0)
     """
-    for field, stated in ((point_field, point_mm), ("tool_offset_mm", tool_offset_mm)):
+    for field, point in ((point_field, point_mm), ("tool_offset_mm", tool_offset_mm)):
         try:
-            MeasuringLine.make(axis, stated)
+            MeasuringLine.make(axis, point)
         except InvalidContent as error:
             raise InvalidContent.of_field(field, error.errors[0].message) from None
     return MeasuringLine.make(axis, point_mm, tool_offset_mm)
@@ -126,12 +126,12 @@ def as_positions(field: str, stated_mm: ArrayLike) -> FloatArray:
     return frozen(positions)
 
 
-def as_runs(field: str, stated: ArrayLike, positions_mm: FloatArray, unit: str) -> FloatArray:
+def as_runs(field: str, readings: ArrayLike, positions_mm: FloatArray, unit: str) -> FloatArray:
     """Take the readings of one run, or of several.
 
     Parameters
     ----------
-    stated : array-like, shape (m,) or (n, m) [unit]
+    readings : array-like, shape (m,) or (n, m) [unit]
         One reading for each position in each run.
     positions_mm : ndarray, shape (m,) [mm]
     unit
@@ -149,11 +149,11 @@ def as_runs(field: str, stated: ArrayLike, positions_mm: FloatArray, unit: str) 
     """
     of_length = "perhaps in nm, or positions instead of deviations"
     hint = of_length if unit == "µm" else "perhaps in another unit"
-    numbers = as_numbers(field, stated, unit, LARGEST_ERROR_UM, hint)
+    numbers = as_numbers(field, readings, unit, LARGEST_ERROR_UM, hint)
     runs = over_positions(field, numbers, positions_mm.size, unit)
     for run in runs if unit == "µm" else ():
-        if said := positions_for_errors(positions_mm, run):
-            raise InvalidContent.of_field(field, said)
+        if problem := positions_for_errors(positions_mm, run):
+            raise InvalidContent.of_field(field, problem)
     return runs
 
 

@@ -147,10 +147,10 @@ def step_diagonal(
     expect_options(chain, line, target)
     expect_uncertainties(repeatability_um, mirror_angle_urad)
     walk, readings = take_walk(origin_mm, step_mm, diagonals, travel_mm)
-    known = angular or {}
-    expect_angular(known)
+    rotations = angular or {}
+    expect_angular(rotations)
     lines = _measuring_lines(walk, tool_offset_mm)
-    field = ErrorField.make(chain, known, lines)
+    field = ErrorField.make(chain, rotations, lines)
     increments = walk.by_interval(readings - _seen_of(field, walk, tool_offset_mm, target))
     closure = closure_um(walk, increments) if len(walk.diagonals) > 3 else None
     noise = step_noise(walk, closure, repeatability_um, mirror_angle_urad)
@@ -160,7 +160,7 @@ def step_diagonal(
         *suspicions(walk, readings),
         *([] if closure is None else blunders_in(walk, increments, closure)),
         translations_of(walk, lines, line),
-        *notes_of_rotations(chain, known),
+        *notes_of_rotations(chain, rotations),
         *notes_of_uncertainty(walk, closure, noise, repeatability_um, mirror_angle_urad),
     )
     figures = _figures(walk, tables, closure, noise, solution)
@@ -257,10 +257,10 @@ def _figures(
 ) -> dict[str, float]:
     """Say how good the measurement is; figures that it cannot give are left out."""
     # The mean of all diagonals' ends: scales weighted with the squares of the steps.
-    own = np.array([tables[4 * u].errors[-1] for u in range(3)])
-    scale = walk.step_mm @ own / (walk.steps * (walk.step_mm @ walk.step_mm)) * MM_PER_M
+    end_errors = np.array([tables[4 * u].errors[-1] for u in range(3)])
+    scale = walk.step_mm @ end_errors / (walk.steps * (walk.step_mm @ walk.step_mm)) * MM_PER_M
     freedom = noise.degrees_of_freedom
-    found: dict[str, float | None] = {
+    figures: dict[str, float | None] = {
         "steps": float(walk.steps),
         "diagonals": float(len(walk.diagonals)),
         "diagonal_scale_um_per_m": float(scale),
@@ -270,11 +270,11 @@ def _figures(
         "mirror_angle_hidden_urad": noise.hidden_tilt_urad,
     }
     if closure is not None:
-        found["closure_rms_um"] = float(np.sqrt((closure**2).mean()))
-        found["closure_neighbours_correlation"] = neighbours_correlation(closure)
+        figures["closure_rms_um"] = float(np.sqrt((closure**2).mean()))
+        figures["closure_neighbours_correlation"] = neighbours_correlation(closure)
         for axis, mean in zip(LINEAR_LETTERS, closure.mean(axis=1), strict=True):
-            found[f"closure_mean_{axis}_um"] = float(mean)
+            figures[f"closure_mean_{axis}_um"] = float(mean)
     for u, axis in enumerate(LINEAR_LETTERS):
         beside = (solution[u] ** 2) @ (1 - walk.rays[:, u] ** 2)
-        found[f"mirror_scale_{axis}_um_per_m"] = noise.tilt_urad * float(np.sqrt(beside))
-    return {name: value for name, value in found.items() if value is not None}
+        figures[f"mirror_scale_{axis}_um_per_m"] = noise.tilt_urad * float(np.sqrt(beside))
+    return {name: value for name, value in figures.items() if value is not None}

@@ -102,8 +102,8 @@ class StepWalk:
         ndarray, shape (m, 3n + 1, 3) [mm]
         """
         # At reading j axis x (0) has made (j + 2) // 3 steps, y (1) (j + 1) // 3, z (2) j // 3.
-        made = (np.arange(3 * self.steps + 1)[:, None] + [2, 1, 0]) // 3
-        nodes = np.where(self.ways[:, None] > 0, made, self.steps - made)
+        steps_done = (np.arange(3 * self.steps + 1)[:, None] + [2, 1, 0]) // 3
+        nodes = np.where(self.ways[:, None] > 0, steps_done, self.steps - steps_done)
         return self.origin_mm + nodes * self.step_mm
 
     def by_interval(self, readings_um: FloatArray) -> FloatArray:
@@ -155,8 +155,8 @@ class StepWalk:
         steps = self.turned(weights).transpose(0, 2, 1).reshape(len(self.diagonals), -1)
         # A reading ends the increment before it (+) and begins the one after it (−).
         ends = np.pad(steps, ((0, 0), (1, 1)))
-        found: FloatArray = ends[:, :-1] - ends[:, 1:]
-        return found
+        differences: FloatArray = ends[:, :-1] - ends[:, 1:]
+        return differences
 
 
 def take_walk(
@@ -199,11 +199,11 @@ def take_walk(
         )
     names = _names(diagonals)
     rows = [_rows(f"diagonals.{name}", diagonals[name]) for name in names]
-    counts = {name: len(found) for name, found in zip(names, rows, strict=True)}
+    counts = {name: len(row) for name, row in zip(names, rows, strict=True)}
     if len(set(counts.values())) > 1:
-        said = ", ".join(f"{name} {count}" for name, count in counts.items())
+        lengths = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise InvalidContent.of_field(
-            "diagonals", f"expected the same number of steps on every diagonal, got {said}"
+            "diagonals", f"expected the same number of steps on every diagonal, got {lengths}"
         )
     walk = StepWalk(origin, step, len(rows[0]), names)
     _check_travel(walk, travel_mm or {})
@@ -222,8 +222,8 @@ def suspicions(walk: StepWalk, readings_um: FloatArray) -> list[str]:
     """
     named = zip(walk.diagonals, readings_um, strict=True)
     return suspiciously_small("diagonals", readings_um, zeros=True) + [
-        f"{one} and {other} have the same readings throughout."
-        for (one, first), (other, second) in combinations(named, 2)
+        f"{diagonal} and {other} have the same readings throughout."
+        for (diagonal, first), (other, second) in combinations(named, 2)
         if readings_um.any() and np.array_equal(first, second)
     ]
 
@@ -343,7 +343,7 @@ def expect_angular(codes: Iterable[str]) -> None:
     for code in codes:
         component = COMPONENTS.get(code)
         if component is None or component.axis is None or not component.is_rotation:
-            known = [c.code for c in COMPONENTS.values() if c.kind is Kind.ANGULAR]
+            angular = [c.code for c in COMPONENTS.values() if c.kind is Kind.ANGULAR]
             raise InvalidContent.of_field(
-                "angular", f"expected angular errors ({list_names(known)}), got {code!r}"
+                "angular", f"expected angular errors ({list_names(angular)}), got {code!r}"
             )

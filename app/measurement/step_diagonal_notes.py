@@ -53,7 +53,7 @@ def translations_of(walk: StepWalk, lines: MeasuringLines, line: str) -> str:
     )
 
 
-def notes_of_rotations(chain: Chain, known: Iterable[str]) -> list[str]:
+def notes_of_rotations(chain: Chain, rotations: Iterable[str]) -> list[str]:
     """Say what the rotations that nobody stated do to the translations of this chain.
 
     Returns
@@ -69,8 +69,8 @@ def notes_of_rotations(chain: Chain, known: Iterable[str]) -> list[str]:
     the centre is as a turn of axis u, the odd part lengthens or shortens u. The ends of the
     diagonals are where ω has its end values: their mean counts as squareness.
     """
-    stated = set(known)
-    found = []
+    declared = set(rotations)
+    neglected = []
     for v in chain.axes:
         for u in sorted(chain.acts_on(v) - {v}):
             (w,) = set(LINEAR_LETTERS) - {u, v}
@@ -80,18 +80,18 @@ def notes_of_rotations(chain: Chain, known: Iterable[str]) -> list[str]:
             along, across, even, rolled = (
                 f"E{a}{b}".upper() for a, b in ((u, u), (u, v), (v, u), (w, u))
             )
-            if turn not in stated:
-                found.append(
+            if turn not in declared:
+                neglected.append(
                     f"{turn} (its even part about the centre in {even}, its odd part in {along}, "
                     f"its change times {v} from the centre in {across})"
                 )
-            if roll not in stated:
-                found.append(f"{roll} (its even part in {rolled})")
-    if not found:
+            if roll not in declared:
+                neglected.append(f"{roll} (its even part in {rolled})")
+    if not neglected:
         return []
     return [
         f"Rotations that were not stated remain in the translations of the chain {chain.text}, "
-        f"their mean at both ends of the axis as end-point squareness: {list_names(found)}."
+        f"their mean at both ends of the axis as end-point squareness: {list_names(neglected)}."
     ]
 
 
@@ -109,50 +109,50 @@ def notes_of_uncertainty(
     closure : ndarray, shape (3, n), optional [µm]
         Closures of four diagonals.
     """
-    found = []
+    notes = []
     if closure is None:
-        found.append(
+        notes.append(
             f"Three diagonals ({list_names(walk.diagonals)}) leave no closure: noise and a tilted "
             "mirror do not show, variances are twice those of four, and squareness is not free of "
             "the mirror's tilt."
         )
     if closure is not None and walk.steps > 1 and not 0 < noise.degrees_of_freedom < math.inf:
-        found.append(
+        notes.append(
             "The closures do not vary: readings of a coarse scale, or simulated ones, do not show "
             "their noise."
             + ("" if noise.reading_um is None else " The stated repeatability counts.")
         )
     if noise.reading_um is None:
-        found.append(
+        notes.append(
             "No uncertainty: nothing in this measurement shows its noise, and no repeatability_um "
             "was stated."
         )
     if closure is not None and noise.reading_um is not None:
-        found += _judged_noise(closure, noise, repeatability_um)
-    return found + _judged_mirror(noise, mirror_angle_urad, closure is not None)
+        notes += _judged_noise(closure, noise, repeatability_um)
+    return notes + _judged_mirror(noise, mirror_angle_urad, closure is not None)
 
 
 def _judged_noise(
     closure: FloatArray, noise: StepNoise, repeatability_um: float | None
 ) -> list[str]:
-    found = []
+    notes = []
     neighbours = neighbours_correlation(closure)
     if neighbours is not None and neighbours < -2.0 / closure.size**0.5:
-        found.append(
+        notes.append(
             f"Neighbouring closures correlate by {neighbours:.2f}: the noise is rather that of the "
             "axes' positions than of the readings, and errors far from the start are better known "
             "than their standard errors say."
         )
     freedom = noise.degrees_of_freedom
     if repeatability_um is None or noise.reading_um is None or not 0 < freedom < float("inf"):
-        return found
+        return notes
     chi2 = freedom * (noise.reading_um / repeatability_um) ** 2
     if gdtrc(0.5, freedom / 2, chi2) < UNLIKELY:
-        found.append(
+        notes.append(
             f"The closures' noise of {noise.reading_um:.3g} µm exceeds the stated "
             f"{repeatability_um:g} µm: angular errors, drift or reversal are in the readings."
         )
-    return found
+    return notes
 
 
 def _judged_mirror(noise: StepNoise, mirror_angle_urad: float | None, closed: bool) -> list[str]:
@@ -162,12 +162,12 @@ def _judged_mirror(noise: StepNoise, mirror_angle_urad: float | None, closed: bo
         "" if closed else " and like squareness"
     )
     if mirror_angle_urad is not None:
-        found = [f"{hidden}: {mirror_angle_urad:g} µrad are counted as stated."]
+        notes = [f"{hidden}: {mirror_angle_urad:g} µrad are counted as stated."]
         if noise.seen_tilt_urad is not None and noise.seen_tilt_urad > 2 * mirror_angle_urad:
-            found.append(
+            notes.append(
                 f"The closures' means show {noise.seen_tilt_urad:.3g} µrad, more than was stated."
             )
-        return found
+        return notes
     if noise.seen_tilt_urad is not None:
         return [
             f"{hidden}: the {noise.seen_tilt_urad:.3g} µrad that the closures' means show are "
@@ -216,15 +216,15 @@ def blunders_in(walk: StepWalk, increments_um: FloatArray, closure: FloatArray) 
     if not far:
         return []
     axis, interval = divmod(far[0], walk.steps)
-    found = [
+    blunders = [
         blunder
         for candidate in _readings_at(walk, axis, interval)
         if (blunder := _judged(walk, increments_um, closure, candidate)) is not None
     ]
-    likely = _likely(found, closure.size)
+    likely = _likely(blunders, closure.size)
     if likely:
-        said = ", or ".join(_said(walk, one) for one in likely)
-        return [f"Suspicious, far from what the other diagonals say, and kept: {said}."]
+        descriptions = ", or ".join(_described(walk, suspect) for suspect in likely)
+        return [f"Suspicious, far from what the other diagonals say, and kept: {descriptions}."]
     places = sorted({f"{LINEAR_LETTERS[i // walk.steps]}{i % walk.steps + 1}" for i in far})
     return [
         "Suspicious: the diagonals contradict each other far more than elsewhere where "
@@ -259,29 +259,29 @@ def _judged(
     # squares' one.
     middle = np.median(closure, axis=1, keepdims=True)
     size = float(((closure - middle) * in_closures).sum() / (in_closures**2).sum())
-    left = closure - size * in_closures
-    if far_closures(left):
+    residuals = closure - size * in_closures
+    if far_closures(residuals):
         return None
     # Several readings can explain the same closures. The right one, put right, leaves errors that
     # change from interval to interval as they do elsewhere; a wrong one leaves a jump.
     moved = np.einsum("vd,dui->uvi", solution_of(walk), increments_um - size * seen)
     rough = moved - np.median(moved, axis=2, keepdims=True)
     touched = in_closures != 0
-    misfit = float(((left - np.median(left, axis=1, keepdims=True)) ** 2).sum())
+    misfit = float(((residuals - np.median(residuals, axis=1, keepdims=True)) ** 2).sum())
     roughness = float((rough.transpose(0, 2, 1)[touched] ** 2).sum())
     return Blunder(diagonal, reading, jumps, size, misfit, roughness)
 
 
-def _likely(found: list[Blunder], closures: int) -> list[Blunder]:
+def _likely(blunders: list[Blunder], closures: int) -> list[Blunder]:
     """Keep those that explain the closures best, and of them the smoothest."""
-    least = min((one.misfit for one in found), default=0.0)
+    least = min((blunder.misfit for blunder in blunders), default=0.0)
     most = least * (1 + WORSE / closures) + closures * ROUNDING_UM**2
-    fitting = [one for one in found if one.misfit <= most]
-    smoothest = min((one.roughness for one in fitting), default=0.0)
-    return [one for one in fitting if one.roughness <= SMOOTHER * smoothest]
+    fitting = [blunder for blunder in blunders if blunder.misfit <= most]
+    smoothest = min((blunder.roughness for blunder in fitting), default=0.0)
+    return [blunder for blunder in fitting if blunder.roughness <= SMOOTHER * smoothest]
 
 
-def _said(walk: StepWalk, blunder: Blunder) -> str:
+def _described(walk: StepWalk, blunder: Blunder) -> str:
     step, axis = divmod(blunder.reading, 3)
     where = f"{walk.diagonals[blunder.diagonal]}, step {step + 1}, after {LINEAR_LETTERS[axis]}"
     lasting = " and from there on" if blunder.jumps and blunder.reading < 3 * walk.steps - 1 else ""

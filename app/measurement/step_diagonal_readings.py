@@ -103,7 +103,7 @@ def step_diagonal_readings(
     high = low + steps * np.asarray(step_mm, dtype=np.float64)
     x, y, z = zip(low.tolist(), high.tolist(), strict=True)
     volume = WorkVolume(x, y, z)
-    found = {}
+    simulated = {}
     for diagonal in diagonals:
         start, end = diagonal_ends(volume, diagonal)
         ray = (end - start) / np.linalg.norm(end - start)
@@ -115,8 +115,8 @@ def step_diagonal_readings(
         if rng is not None and noise_um:
             readings = readings + rng.normal(scale=noise_um, size=readings.size)
         readings = (readings - readings[0])[1:].reshape(steps, 3)
-        found[diagonal] = _rounded(readings, resolution_um)
-    return found
+        simulated[diagonal] = _rounded(readings, resolution_um)
+    return simulated
 
 
 def expect_target(target: str) -> None:

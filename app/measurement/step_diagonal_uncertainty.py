@@ -111,18 +111,18 @@ def step_noise(
     stated to be aligned (0). Closures of neighbouring axes share readings: the degrees of
     freedom are those of a χ² with the same two moments (Welch, Satterthwaite).
     """
-    stated = StepNoise(
+    declared = StepNoise(
         repeatability_um, 0.0 if repeatability_um is None else np.inf, mirror_angle_urad or 0.0
     )
     if closure is None or (walk.steps == 1 and mirror_angle_urad != 0.0):
-        return stated
+        return declared
     tilted = mirror_angle_urad != 0.0
     share, freedom = _moments(walk, tilted)
     rest = closure - closure.mean(axis=1, keepdims=True) if tilted else closure
     shown_um = float(np.sqrt((rest**2).sum() / share))
     reading_um: float | None = shown_um
     if shown_um <= ROUNDING_UM:
-        reading_um, freedom = stated.reading_um, stated.degrees_of_freedom
+        reading_um, freedom = declared.reading_um, declared.degrees_of_freedom
     if not tilted:
         return StepNoise(reading_um, freedom, 0.0)
     seen, hidden = _tilt(walk, closure.mean(axis=1), reading_um, freedom)
@@ -279,8 +279,8 @@ def _tilt(
     lever2_m2 = (walk.step_mm / MM_PER_M) ** 2 * (1 - walk.rays[0] ** 2)
     variance_um2 = 2 * (reading_um or ROUNDING_UM) ** 2 / walk.steps
     # Three means against noise that was estimated are as F, against stated noise as χ²/3.
-    known = 0 < freedom < np.inf
-    limit = float(fdtri(3.0, freedom, CERTAIN) if known else chdtri(3.0, 1 - CERTAIN) / 3.0)
+    has_freedom = 0 < freedom < np.inf
+    limit = float(fdtri(3.0, freedom, CERTAIN) if has_freedom else chdtri(3.0, 1 - CERTAIN) / 3.0)
     seen_urad = None
     if (means_um**2).mean() > limit * variance_um2:
         share = float(((means_um**2 - variance_um2) / lever2_m2).mean())

@@ -173,7 +173,10 @@ def evaluate_thermal_drift(
     lines: MeasuringLines = {}
     if point is not None:
         axes = {str(COMPONENTS[code].axis) for code in counted_as.values()}
-        lines = {one: stated_line(one, point, tool_offset_mm, "point_mm") for one in sorted(axes)}
+        lines = {
+            letter: stated_line(letter, point, tool_offset_mm, "point_mm")
+            for letter in sorted(axes)
+        }
     moments = _moments(nest.times_s, running, states_s)
     states = tuple(
         DriftState(time_s, tuple(_tables(time_s, nest.targets_mm, courses, counted_as, point)))
@@ -196,12 +199,12 @@ def evaluate_thermal_drift(
     )
 
 
-def _test_of(stated: DriftTest | str) -> DriftTest:
+def _test_of(name: DriftTest | str) -> DriftTest:
     try:
-        return DriftTest(stated)
+        return DriftTest(name)
     except ValueError:
         raise InvalidContent.of_field(
-            "test", f"expected one of {list_names(DriftTest)}, got {stated!r}"
+            "test", f"expected one of {list_names(DriftTest)}, got {name!r}"
         ) from None
 
 
@@ -243,15 +246,15 @@ def _components(
     chain: Chain,
     axis: str | None,
     courses: Mapping[str, object],
-    stated: Mapping[str, str],
+    assigned: Mapping[str, str],
 ) -> dict[str, str]:
     """Say as which component each displacement and tilt counts."""
     of_axis = axis or carrier_of_the_spindle(chain)
     has_tilts = axis is not None or bool(chain.tool)
-    found = {
+    codes = {
         name: f"E{name}{of_axis}".upper() for name in courses if has_tilts or name in LINEAR_LETTERS
     }
-    for name, written in stated.items():
+    for name, written in assigned.items():
         component, sign = parse_component(written)
         code = component.code
         if (
@@ -270,8 +273,8 @@ def _components(
                 f"components.{name}",
                 f"expected an error of the moving axis {axis}, got {written}",
             )
-        found[name] = code
-    return found
+        codes[name] = code
+    return codes
 
 
 def _moments(
@@ -280,7 +283,7 @@ def _moments(
     first, last = float(times_s[0]), float(times_s[-1])
     if stated_s is None:
         return [first, running_s[1] if running_s else last]
-    outside = [one for one in stated_s if not first <= one <= last]
+    outside = [moment for moment in stated_s if not first <= moment <= last]
     if outside or not stated_s or len(set(stated_s)) < len(stated_s):
         got = f"{(outside[0] - first) / SECONDS_PER_MIN:g} min" if outside else "none, or one twice"
         raise InvalidContent.of_field(
@@ -309,12 +312,12 @@ def _tables(
             return
         values = [course.at(time_s) for course in courses[name]]
         variances = [v for c in courses[name] if (v := c.variance_at(time_s)) is not None]
-        known = len(variances) == len(values)
+        complete = len(variances) == len(values)
         yield ComponentTable(
             component,
             frozen(positions),
             frozen(values),
-            covariance=frozen(variances) if known else None,
+            covariance=frozen(variances) if complete else None,
         )
 
 
@@ -341,23 +344,23 @@ def _figures_of(
     name: str, unit: str, course: Course, running_s: tuple[float, float] | None
 ) -> dict[str, float]:
     """Give a course's figures: its range in the periods that are reported, and where it ends."""
-    found: dict[str, float] = {}
+    figures: dict[str, float] = {}
     last = float(course.times_s[-1])
     if running_s is None:
-        found[f"ETVE_{name}_{unit}"] = course.range_within(float(course.times_s[0]), last)
+        figures[f"ETVE_{name}_{unit}"] = course.range_within(float(course.times_s[0]), last)
     else:
         since, until = running_s
         zero, hour = course.at(since), since + FIRST_MIN * SECONDS_PER_MIN
         if hour <= until:
-            found[f"d_{name}_60min_{unit}"] = course.range_within(since, hour)
-            found[f"{name}_at_60min_{unit}"] = course.at(hour) - zero
-        found[f"d_{name}_running_{unit}"] = course.range_within(since, until)
-        found[f"{name}_at_stop_{unit}"] = course.at(until) - zero
+            figures[f"d_{name}_60min_{unit}"] = course.range_within(since, hour)
+            figures[f"{name}_at_60min_{unit}"] = course.at(hour) - zero
+        figures[f"d_{name}_running_{unit}"] = course.range_within(since, until)
+        figures[f"{name}_at_stop_{unit}"] = course.at(until) - zero
         if until < last:
-            found[f"{name}_at_end_{unit}"] = course.at(last) - zero
+            figures[f"{name}_at_end_{unit}"] = course.at(last) - zero
     if course.noise is not None:
-        found[f"noise_{name}_{unit}"] = course.noise
-    return found
+        figures[f"noise_{name}_{unit}"] = course.noise
+    return figures
 
 
 def _notes(

@@ -97,14 +97,14 @@ def face_lines(volume: WorkVolume, field: ErrorField, counts: Counts) -> list[Fl
         No edges among them.
     """
     ends = [np.unique(range_) for range_ in volume.ranges_mm]
-    found: list[FloatArray] = []
+    lines: list[FloatArray] = []
     for along in _axes_with_length(volume):
         for across in _axes_with_length(volume):
             if across != along:
                 places = [*ends]
                 places[across] = np.linspace(*volume.ranges_mm[across], counts[across])[1:-1]
-                found += _lines(volume, along, places, field)
-    return found
+                lines += _lines(volume, along, places, field)
+    return lines
 
 
 def _axes_with_length(volume: WorkVolume) -> list[int]:
@@ -117,13 +117,13 @@ def _lines(
     """All lines along one axis through the places on the two others."""
     positions = _positions(volume, along, field)
     others = [j for j in range(3) if j != along]
-    found = []
+    drawn_lines = []
     for place in product(*(places[j] for j in others)):
         line = np.empty((positions.size, 3))
         line[:, along] = positions
         line[:, others] = place
-        found.append(line)
-    return found
+        drawn_lines.append(line)
+    return drawn_lines
 
 
 def _positions(volume: WorkVolume, along: int, field: ErrorField | None) -> FloatArray:

@@ -37,7 +37,7 @@ still seen on white paper. Lightness falls evenly: it reads the same in grey, an
 telling red from green."""
 
 
-def length_axis(largest_um: float, *, shown: bool) -> dict[str, Any]:
+def length_axis(largest_um: float, *, with_scale: bool) -> dict[str, Any]:
     """Describe the one colour scale of a picture, from no error to the largest.
 
     Parameters
@@ -50,8 +50,8 @@ def length_axis(largest_um: float, *, shown: bool) -> dict[str, Any]:
         "colorscale": [[i / steps, colour] for i, colour in enumerate(LENGTH_SCALE)],
         "cmin": 0.0,
         # A scale needs a length even where nothing uses it.
-        "cmax": largest_um if shown else 1.0,
-        "showscale": shown,
+        "cmax": largest_um if with_scale else 1.0,
+        "showscale": with_scale,
         "colorbar": {
             "title": {
                 "text": "Length of<br>error [µm]<br>&nbsp;",

@@ -156,8 +156,8 @@ def _worst(field: ErrorField, volume: WorkVolume, tool: FloatArray) -> tuple[Flo
 
 def _thinned(coordinates: list[FloatArray]) -> list[FloatArray]:
     """Leave out every second of very many nodes, never an end."""
-    kept = [*coordinates]
-    while math.prod(c.size for c in kept) > MOST_POINTS:
-        i = max(range(len(kept)), key=lambda i: kept[i].size)
-        kept[i] = np.union1d(kept[i][::2], kept[i][-1:])
-    return kept
+    thinned = [*coordinates]
+    while math.prod(c.size for c in thinned) > MOST_POINTS:
+        i = max(range(len(thinned)), key=lambda i: thinned[i].size)
+        thinned[i] = np.union1d(thinned[i][::2], thinned[i][-1:])
+    return thinned

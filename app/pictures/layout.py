@@ -91,7 +91,7 @@ def layout(
         "paper_bgcolor": "white",
         "margin": {"l": 24, "r": 10, "t": 50 + 26 * len(title) + 18 * len(subtitle), "b": 100},
         "scene": {**box, "annotations": _labels(distorted, rounding)},
-        "coloraxis": length_axis(distorted.largest_um, shown=distorted.has_errors),
+        "coloraxis": length_axis(distorted.largest_um, with_scale=distorted.has_errors),
         "legend": LEGEND,
         "hoverlabel": HOVER_LABEL,
         "annotations": [_below(texts.drawn)],
@@ -114,10 +114,10 @@ def _title(title: list[str], subtitle: list[str]) -> Json:
 
 def _warnings(remarks: Remarks) -> list[str]:
     """Break the warnings into lines that stand out, at most `MOST_WARNING_LINES`."""
-    said = ([] if remarks.complete else ["not complete"]) + list(remarks.warnings)
-    lines = [line for text in said for line in wrapped(f"! {text}", SUBTITLE_LETTERS)]
+    warnings = ([] if remarks.complete else ["not complete"]) + list(remarks.warnings)
+    lines = [line for text in warnings for line in wrapped(f"! {text}", SUBTITLE_LETTERS)]
     if len(lines) > MOST_WARNING_LINES:
-        lines = [*lines[: MOST_WARNING_LINES - 1], f"! … {counted(len(said), 'remark')} in all"]
+        lines = [*lines[: MOST_WARNING_LINES - 1], f"! … {counted(len(warnings), 'remark')} in all"]
     return [f'<span style="color:{WARNING}">{line}</span>' for line in lines]
 
 

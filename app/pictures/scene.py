@@ -216,5 +216,5 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
     power = 10.0 ** math.floor(math.log10(least))
     step = next(power * digit for digit in (1, 2, 5, 10) if power * digit >= least * (1 - 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    found = [float(f"{n * step:.12g}") for n in range(first, last + 1)]
-    return found if len(found) > 1 else [low, high]
+    ticks = [float(f"{n * step:.12g}") for n in range(first, last + 1)]
+    return ticks if len(ticks) > 1 else [low, high]

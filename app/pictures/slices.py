@@ -98,7 +98,7 @@ def slice_volume(
         moved: FloatArray = points_mm + exaggeration * errors_um / UM_PER_MM
         return moved
 
-    found = []
+    slices = []
     for name, across, up in VIEWS:
         axes, third = [across, up], 3 - across - up
         lines = list(_lines(volume, through_mm, across, up))
@@ -106,7 +106,7 @@ def slice_volume(
         if worst_mm is not None and np.isclose(worst_mm[third], through_mm[third]):
             point = np.array([worst_mm])
             ringed = np.vstack([point, real(point)])[:, axes]
-        found.append(
+        slices.append(
             Slice(
                 name=name,
                 across=across,
@@ -117,7 +117,7 @@ def slice_volume(
                 ringed=ringed,
             )
         )
-    return found
+    return slices
 
 
 def _lines(

@@ -134,7 +134,7 @@ def _traces(distorted: DistortedVolume, counts: Counts, rounding: Rounding) -> l
 def _distorted_box(distorted: DistortedVolume, counts: Counts, rounding: Rounding) -> list[Trace]:
     edges = box_edges(distorted.volume, distorted.field)
     across = face_lines(distorted.volume, distorted.field, counts)
-    found = [
+    traces = [
         {
             **error_lines([distorted.at(edge) for edge in edges], rounding, EDGE_PX),
             "name": "distorted box",
@@ -147,8 +147,8 @@ def _distorted_box(distorted: DistortedVolume, counts: Counts, rounding: Roundin
         # Thin lines under the mouse would stand before the vectors between them.
         del lines["customdata"], lines["hovertemplate"]
         quiet = {"hoverinfo": "skip", "opacity": 0.5, "showlegend": False}
-        found.append({**lines, **quiet, "name": "distorted faces", "legendgroup": BOX})
-    return found
+        traces.append({**lines, **quiet, "name": "distorted faces", "legendgroup": BOX})
+    return traces
 
 
 def _legend_key(name: str, group: str, width_px: float) -> Trace:

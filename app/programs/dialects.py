@@ -202,10 +202,10 @@ def ascii_text(text: str) -> str:
     >>> ascii_text("Größe 5 µm − größer")
     'Grosse 5 um - grosser'
     """
-    known = "".join(_ASCII.get(letter, letter) for letter in text.replace("ß", "ss"))
-    plain = unicodedata.normalize("NFKD", known)
-    kept = "".join(letter for letter in plain if not unicodedata.combining(letter))
-    return "".join(letter if " " <= letter <= "~" else "?" for letter in kept)
+    spelled_out = "".join(_ASCII.get(letter, letter) for letter in text.replace("ß", "ss"))
+    plain = unicodedata.normalize("NFKD", spelled_out)
+    letters = "".join(letter for letter in plain if not unicodedata.combining(letter))
+    return "".join(letter if " " <= letter <= "~" else "?" for letter in letters)
 
 
 LINUXCNC: Final = Iso6983(
@@ -261,7 +261,7 @@ HEIDENHAIN: Final = Conversational(
 )
 
 DIALECTS: Final[Mapping[str, Dialect]] = {
-    one.name: one for one in (SIEMENS, HEIDENHAIN, FANUC, LINUXCNC)
+    dialect.name: dialect for dialect in (SIEMENS, HEIDENHAIN, FANUC, LINUXCNC)
 }
 
 

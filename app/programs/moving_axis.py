@@ -117,14 +117,14 @@ def moving_axis_program(
     path = walk.path
     path.retract()
     name = axis.upper()
-    said = ", ".join(f"{s.feed_mm_per_min:g} mm/min for {s.minutes:g} min" for s in steps)
+    course = ", ".join(f"{s.feed_mm_per_min:g} mm/min for {s.minutes:g} min" for s in steps)
     return MeasuringProgram(
         name=f"MOVE{name}",
         number=7022 + LINEAR_LETTERS.index(axis),
         title=f"warming up by moving {name}, by ISO 230-3",
         machine=machine.id,
         head=(
-            f"motion between {name} {low:g} and {high:g} mm: {said}",
+            f"motion between {name} {low:g} and {high:g} mm: {course}",
             f"{counted(walk.strokes, 'stroke')}, each a block; "
             f"{counted(len(targets), 'target')} read in both directions, every {every_min:g} min "
             "and at the end of each step",
@@ -268,8 +268,8 @@ def _verification_file(
         "# datum: first",
         f"{TIME_COLUMNS},component,position_mm,direction,measured_um,state feed_mm_per_min",
     ]
-    for one in readings:
-        cells = f"{code},{one.target_mm!r},{one.way},,{one.feed_mm_per_min:g}"
-        lines.append(f"{time_cells(one.seconds, start_s)},{cells}")
+    for reading in readings:
+        cells = f"{code},{reading.target_mm!r},{reading.way},,{reading.feed_mm_per_min:g}"
+        lines.append(f"{time_cells(reading.seconds, start_s)},{cells}")
     command = f"thermap analyse {machine.id} --verification FILE"
     return Readings("".join(f"{line}\n" for line in lines), command)

@@ -176,10 +176,10 @@ def own_place(machine: Machine, point_mm: Sequence[float]) -> dict[str, float]:
         If nobody stated the travel of an axis.
     """
     place = dict(zip(LINEAR_LETTERS, point_mm, strict=True))
-    own = {axis: float(mm) for axis, mm in place.items() if axis in machine.chain.axes}
-    for axis in own:
+    on_axes = {axis: float(mm) for axis, mm in place.items() if axis in machine.chain.axes}
+    for axis in on_axes:
         travel_of(machine, axis)
-    return own
+    return on_axes
 
 
 def whole_step(length_mm: float) -> float:

@@ -35,7 +35,7 @@ def expect_few_returns(minutes: Sequence[float], every_min: float) -> None:
             "every",
             f"expected a pause above 0 and at most {LONGEST_MIN:g} min, got {every_min:g} min",
         )
-    returns = sum(one / every_min + 1 for one in minutes)
+    returns = sum(duration / every_min + 1 for duration in minutes)
     if returns > MOST_RETURNS:
         raise InvalidContent.of_field(
             "every", f"expected at most {MOST_RETURNS} returns, got {returns:.0f}: read less often"
@@ -44,11 +44,11 @@ def expect_few_returns(minutes: Sequence[float], every_min: float) -> None:
 
 def pauses_s(minutes: float, every_min: float) -> Iterator[float]:
     """Part a step into pauses [s]; the last one may be shorter."""
-    left = minutes
-    while left > 1e-9:
-        part = min(every_min, left)
+    remaining = minutes
+    while remaining > 1e-9:
+        part = min(every_min, remaining)
         yield part * SECONDS_PER_MIN
-        left -= part
+        remaining -= part
 
 
 def time_cells(seconds: float, start_s: float | None) -> str:

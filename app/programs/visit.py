@@ -52,12 +52,12 @@ class Halt:
 
     def takes(self, other: Halt) -> bool:
         """Whether another observation can be read at the same halt."""
-        read = {one.component for one in self.observations}
+        read = {observation.component for observation in self.observations}
         return (
             self.place_mm == other.place_mm
             and self.ways == other.ways
             and self.same_set_up(other)
-            and not read & {one.component for one in other.observations}
+            and not read & {observation.component for observation in other.observations}
         )
 
     def same_set_up(self, other: Halt) -> bool:
@@ -67,7 +67,7 @@ class Halt:
     @property
     def names(self) -> list[str]:
         """What is read: components' codes, or the point's error."""
-        return [one.component or "error at the point" for one in self.observations]
+        return [observation.component or "error at the point" for observation in self.observations]
 
 
 def visit_program(
@@ -102,7 +102,7 @@ def visit_program(
             "observations",
             f"expected at most {MOST_OBSERVATIONS}, got {len(planned.observations)}",
         )
-    ordered = sorted(planned.observations, key=lambda one: one.time_s)
+    ordered = sorted(planned.observations, key=lambda observation: observation.time_s)
     halts = list(_halts(machine, ordered, line_mm or {}))
     if not halts:
         raise InvalidContent.of_field(
@@ -161,12 +161,12 @@ def _axis_of(observation: Observation) -> str:
 def _halts(machine: Machine, ordered: Sequence[Observation], line: Place) -> Iterator[Halt]:
     """Gather what is read at one place at once."""
     last: Halt | None = None
-    for number, one in enumerate(ordered):
-        if _is_elsewhere(one):
+    for number, observation in enumerate(ordered):
+        if _is_elsewhere(observation):
             continue
-        halt = _halt(machine, number, one, line)
+        halt = _halt(machine, number, observation, line)
         if last is not None and last.takes(halt):
-            last.observations.append(one)
+            last.observations.append(observation)
             continue
         if last is not None:
             yield last
@@ -175,22 +175,30 @@ def _halts(machine: Machine, ordered: Sequence[Observation], line: Place) -> Ite
         yield last
 
 
-def _halt(machine: Machine, number: int, one: Observation, line: Place) -> Halt:
+def _halt(machine: Machine, number: int, observation: Observation, line: Place) -> Halt:
     where = f"observations.{number}"
-    if one.point_mm is not None:
-        place = own_place(machine, one.point_mm)
+    if observation.point_mm is not None:
+        place = own_place(machine, observation.point_mm)
         axis = ""
     else:
-        axis = _axis_of(one)
+        axis = _axis_of(observation)
         others = {a: mm for a, mm in line.items() if a != axis}
-        place = middle_of(machine, others, but=axis) | {axis: float(one.position_mm or 0.0)}
+        place = middle_of(machine, others, but=axis) | {axis: float(observation.position_mm or 0.0)}
     place = {a: expect_whole(f"{where}.{a}", mm) for a, mm in place.items()}
     ways = {
         a: way
-        for a, way in zip(LINEAR_LETTERS, one.directions, strict=True)
+        for a, way in zip(LINEAR_LETTERS, observation.directions, strict=True)
         if way and (a == axis or (not axis and a in place))
     }
-    return Halt(place, ways, axis, one.time_s, one.setup, one.tool_offset_mm, [one])
+    return Halt(
+        place,
+        ways,
+        axis,
+        observation.time_s,
+        observation.setup,
+        observation.tool_offset_mm,
+        [observation],
+    )
 
 
 def _walk(path: Path, halts: Sequence[Halt]) -> float:
@@ -248,16 +256,16 @@ def _comes_right(path: Path, halt: Halt) -> bool:
 
 
 def _readings_file(machine: Machine, planned: Verification, ordered: Sequence[Observation]) -> str:
-    states = sorted({name for one in ordered for name in one.state})
-    has_points = any(one.point_mm is not None for one in ordered)
-    has_components = any(one.component for one in ordered)
+    states = sorted({name for observation in ordered for name in observation.state})
+    has_points = any(observation.point_mm is not None for observation in ordered)
+    has_components = any(observation.component for observation in ordered)
     columns = ["time"]
     if has_components:
         columns += ["component", "position_mm", "direction", "measured_um", "measured_urad"]
     if has_points:
         for stem in ("point_{}_mm", "tool_{}_mm", "direction_{}", "measured_{}_um"):
             columns += [stem.format(axis) for axis in LINEAR_LETTERS]
-    if any(one.setup for one in ordered):
+    if any(observation.setup for observation in ordered):
         columns.append("setup")
     columns += [f"state {name}" for name in states]
     lines = [
@@ -268,34 +276,34 @@ def _readings_file(machine: Machine, planned: Verification, ordered: Sequence[Ob
     ]
     if planned.repeatability_um is not None:
         lines.append(f"# repeatability_um: {planned.repeatability_um!r}")
-    if has_components and any(_is_angle(one) for one in ordered):
+    if has_components and any(_is_angle(observation) for observation in ordered):
         lines.append("# Lengths go into measured_um, angles and squareness into measured_urad")
     lines = [f"{no_formula(line)}\n" for line in lines]
     lines.append(csv_line(columns))
-    for one in ordered:
-        cells = _cells(one)
+    for observation in ordered:
+        cells = _cells(observation)
         lines.append(csv_line(cells.get(name, "") for name in columns))
     return "".join(lines)
 
 
-def _is_angle(one: Observation) -> bool:
-    return one.component is not None and COMPONENTS[one.component].unit in _ANGLES
+def _is_angle(observation: Observation) -> bool:
+    return observation.component is not None and COMPONENTS[observation.component].unit in _ANGLES
 
 
-def _cells(one: Observation) -> dict[str, str]:
+def _cells(observation: Observation) -> dict[str, str]:
     """Write what is known of an observation before it is measured."""
     signs = {1: "+", -1: "-", 0: ""}
-    cells = {"time": iso_time(one.time_s), "setup": one.setup or ""}
-    cells |= {f"state {name}": repr(value) for name, value in one.state.items()}
-    if one.point_mm is not None:
+    cells = {"time": iso_time(observation.time_s), "setup": observation.setup or ""}
+    cells |= {f"state {name}": repr(value) for name, value in observation.state.items()}
+    if observation.point_mm is not None:
         for i, axis in enumerate(LINEAR_LETTERS):
-            cells[f"point_{axis}_mm"] = repr(one.point_mm[i])
-            cells[f"tool_{axis}_mm"] = repr(one.tool_offset_mm[i])
-            cells[f"direction_{axis}"] = signs[one.directions[i]]
+            cells[f"point_{axis}_mm"] = repr(observation.point_mm[i])
+            cells[f"tool_{axis}_mm"] = repr(observation.tool_offset_mm[i])
+            cells[f"direction_{axis}"] = signs[observation.directions[i]]
         return cells
-    cells["component"] = str(one.component)
-    cells["position_mm"] = "" if one.position_mm is None else repr(one.position_mm)
-    axis = _axis_of(one)
+    cells["component"] = str(observation.component)
+    cells["position_mm"] = "" if observation.position_mm is None else repr(observation.position_mm)
+    axis = _axis_of(observation)
     if axis:
-        cells["direction"] = signs[one.directions[LINEAR_LETTERS.index(axis)]]
+        cells["direction"] = signs[observation.directions[LINEAR_LETTERS.index(axis)]]
     return cells

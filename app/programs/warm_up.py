@@ -107,7 +107,7 @@ def warm_up_program(
     walk.spindle(0.0)
     walk.path.retract()
     path = walk.path
-    said = ", ".join(f"{s.speed_rpm:g} 1/min for {s.minutes:g} min" for s in steps)
+    course = ", ".join(f"{s.speed_rpm:g} 1/min for {s.minutes:g} min" for s in steps)
     turning = "at the measuring position, while it is read" if in_place else "retracted, above"
     return MeasuringProgram(
         name="WARMUP",
@@ -115,7 +115,7 @@ def warm_up_program(
         title="warming up and cooling down by ISO 230-3",
         machine=machine.id,
         head=(
-            f"spindle steps: {said}; {counted(len(walk.readings), 'reading')}, "
+            f"spindle steps: {course}; {counted(len(walk.readings), 'reading')}, "
             f"{every_min:g} min apart and at the end of each step",
             f"{counted(len(places), 'measuring position')}; the spindle turns {turning}",
             *([] if in_place else [f"spindle stopped {spin_down_s:g} s before it goes down"]),
@@ -269,7 +269,10 @@ def _drift_file(
     columns = [TIME_COLUMNS, *sensors, *(f"temperature {name}" for name in machine.sensors)]
     lines.append(",".join([*columns, "state spindle_rpm"]))
     empty = "," * (len(columns) - 1)
-    lines += [f"{time_cells(one.seconds, start_s)}{empty},{one.speed_rpm:g}" for one in readings]
+    lines += [
+        f"{time_cells(reading.seconds, start_s)}{empty},{reading.speed_rpm:g}"
+        for reading in readings
+    ]
     command = f"thermap import --method thermal-drift FILE --machine {machine.id}"
     return Readings("".join(f"{line}\n" for line in lines), command)
 
@@ -286,8 +289,8 @@ def _verification_file(
         f"{TIME_COLUMNS},point_x_mm,point_y_mm,point_z_mm,"
         "measured_x_um,measured_y_um,measured_z_um,state spindle_rpm",
     ]
-    for one in readings:
-        place = ",".join(repr(mm) for mm in one.place_mm)
-        lines.append(f"{time_cells(one.seconds, start_s)},{place},,,,{one.speed_rpm:g}")
+    for reading in readings:
+        place = ",".join(repr(mm) for mm in reading.place_mm)
+        lines.append(f"{time_cells(reading.seconds, start_s)},{place},,,,{reading.speed_rpm:g}")
     command = f"thermap analyse {machine.id} --verification FILE"
     return Readings("".join(f"{line}\n" for line in lines), command)

@@ -82,9 +82,9 @@ def _generic(
     generic = np.array([candidates[e.candidate].generic for e in entries])
     if not generic.any():
         return []
-    found = selector.scan(terms, draws, generic=True)
-    rank = found.rank * generic
-    tested = Scan(found.ratio, found.noise, rank)
+    scanned = selector.scan(terms, draws, generic=True)
+    rank = scanned.rank * generic
+    tested = Scan(scanned.ratio, scanned.noise, rank)
     together = np.zeros(len(rank), dtype=np.intp)
     halves = problem.has_expected_wander
     limit = threshold(tested, selector.groups, together, level, halves)
@@ -99,7 +99,7 @@ def _generic(
 
 def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> list[Unexplained]:
     """What is left within visits, against what replicates differ by (F test)."""
-    found = []
+    unexplained = []
     for c, fixed in problem.fixed.items():
         pure, freedom = pure_error(problem.rows, c, use)
         n = len(fixed.channel.rows)
@@ -108,12 +108,12 @@ def _lack_of_fit(problem: Problem, fit: Fit, use: BoolArray, level: float) -> li
             continue
         pure = max(pure, problem.rows.noise.get(c, DeclaredNoise()).rounding ** 2)
         # The fit's squares, maps and terms included; its pure error is taken off below.
-        left = fit.scatter[c] * fixed.channel.scale**2 * n
-        ratio = (left - pure * freedom) / max(n - freedom, 1) / pure
+        squares = fit.scatter[c] * fixed.channel.scale**2 * n
+        ratio = (squares - pure * freedom) / max(n - freedom, 1) / pure
         p = float(fdtrc(n - spent - freedom, freedom, max(ratio, 0.0)))
         if p * len(problem.fixed) < level:
-            found.append(Unexplained("lack-of-fit", c, None))
-    return found
+            unexplained.append(Unexplained("lack-of-fit", c, None))
+    return unexplained
 
 
 def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Unexplained]:
@@ -123,7 +123,7 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
         for c, s in selector.given(terms).items()
         if len(s.fixed.channel.starts) < FEWEST_BLOCKS
     }
-    found = []
+    unexplained = []
     for c, state in few.items():
         channel, null = state.fixed.channel, state.null - state.fixed.channel.prior
         usual = np.array(
@@ -134,8 +134,8 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
         )
         ratio = 2.0 * float(null.max() - null[usual].max())
         if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
-            found.append(Unexplained(FAR_OFF, c, None))
-    return found
+            unexplained.append(Unexplained(FAR_OFF, c, None))
+    return unexplained
 
 
 def _above_floor(
@@ -147,7 +147,7 @@ def _above_floor(
     strikes now and then (a tool change, a pump) is in a few visits, and an interval over visits is
     then as wide as it is large; one visit alone may be a slip.
     """
-    found = []
+    unexplained = []
     for c, h in held_out.items():
         if h.floor.total > 0 and h.visits >= FEWEST_BLOCKS:
             allowance = _allowance(problem, use, c)
@@ -160,14 +160,14 @@ def _above_floor(
                 and not problem.fixed[c].channel.blocks.may_wander
             )
             if h.after.rms > OVER_FLOOR * floor and (is_in_all or is_no_chance):
-                found.append(Unexplained("held-out", c, None))
-    return found
+                unexplained.append(Unexplained("held-out", c, None))
+    return unexplained
 
 
 def _allowance(problem: Problem, use: BoolArray, channel: int) -> float:
     """How much too low a floor may be whose repeatability was only estimated (two sigma)."""
-    known = repeatability(problem.rows, channel, use)
-    if known.origin != "replicates":
+    measured = repeatability(problem.rows, channel, use)
+    if measured.origin != "replicates":
         return 1.0
     _, freedom = pure_error(problem.rows, channel, use)
     return 1.0 + 2.0 / float(np.sqrt(2.0 * freedom))

@@ -104,9 +104,9 @@ class Alike:
         apart = np.abs(np.subtract.outer(setups, setups))
         lasting = random.standard_normal(unit.shape)
         for memory in MEMORIES[1:]:
-            own = _MEMORY[which] == memory
+            of_memory = _MEMORY[which] == memory
             root = np.linalg.cholesky(np.exp(-apart / memory))
-            lasting[..., own] = np.tensordot(root, lasting[..., own], axes=1)
+            lasting[..., of_memory] = np.tensordot(root, lasting[..., of_memory], axes=1)
         share = np.where(_MEMORY[which] > 0.0, share, 0.0)
         return np.sqrt(1.0 - share) * unit + np.sqrt(share) * lasting
 
@@ -114,18 +114,18 @@ class Alike:
 def how_alike(seen: Sequence[FloatArray]) -> Alike:
     """Put together what channels show (`set_ups_seen`)."""
     without = (_together([*seen[:i], *seen[i + 1 :]]) for i in range(len(seen)))
-    remember = [_probability(told)[_MEMORY > 0.0].sum() for told in without]
+    remember = [_probability(likelihood)[_MEMORY > 0.0].sum() for likelihood in without]
     return Alike(_probability(_together(seen)), min(remember, default=0.0) > HALF)
 
 
-def set_ups_seen(left: FloatArray, visit: IntArray) -> FloatArray:
+def set_ups_seen(residuals: FloatArray, visit: IntArray) -> FloatArray:
     """Say how likely each memory and size makes the levels that one channel's set-ups have.
 
     A few set-ups say little of their memory, but how far from zero they are.
 
     Parameters
     ----------
-    left : ndarray, shape (n,)
+    residuals : ndarray, shape (n,)
         Residuals beside all terms, in repeatabilities.
     visit : ndarray, shape (n,)
         Numbers of their set-ups, growing with time.
@@ -135,13 +135,13 @@ def set_ups_seen(left: FloatArray, visit: IntArray) -> FloatArray:
     ndarray, shape (g,)
         Log likelihoods, in the order of `MEMORIES` and of the sizes tried for each.
     """
-    levels = _levels(left, np.ones(len(left)), visit)
+    levels = _levels(residuals, np.ones(len(residuals)), visit)
     return np.concatenate([_fits(levels, m).about_zero for m in MEMORIES])
 
 
 def evidence_beside_alike(
-    left: FloatArray,
-    own: FloatArray,
+    residuals: FloatArray,
+    contribution: FloatArray,
     tilt: FloatArray,
     visit: IntArray,
     is_free: BoolArray,
@@ -156,9 +156,9 @@ def evidence_beside_alike(
 
     Parameters
     ----------
-    left : ndarray, shape (n,)
+    residuals : ndarray, shape (n,)
         Residuals of one channel beside all terms, in repeatabilities.
-    own : ndarray, shape (n,)
+    contribution : ndarray, shape (n,)
         What the term explains of them.
     tilt : ndarray, shape (n, q)
         Columns along which a set-up may tilt.
@@ -189,14 +189,18 @@ def evidence_beside_alike(
     expected = _expected(others)
     centred = tilt - tilt.mean(axis=0)
     # What is the same at all places tilts nowhere.
-    along = centred @ np.linalg.lstsq(centred, own, rcond=None)[0]
-    shift = np.zeros(len(own)) if is_free.any() else np.full(len(own), own.mean())
-    rest = own - own.mean() - along
+    along = centred @ np.linalg.lstsq(centred, contribution, rcond=None)[0]
+    shift = (
+        np.zeros(len(contribution))
+        if is_free.any()
+        else np.full(len(contribution), contribution.mean())
+    )
+    rest = contribution - contribution.mean() - along
     judged = [
         (float(part @ part), evidence)
         for part, course in ((shift, shift), (along, _within(along, visit)))
-        if np.abs(course).max() > NEGLIGIBLE * np.abs(own).max()
-        and (evidence := _evidence(left, part, course, visit, expected)) is not None
+        if np.abs(course).max() > NEGLIGIBLE * np.abs(contribution).max()
+        and (evidence := _evidence(residuals, part, course, visit, expected)) is not None
     ]
     return _median([*judged, (float(rest @ rest), np.inf)]) if judged else None
 
@@ -213,16 +217,20 @@ def _median(parts: Sequence[tuple[float, float]]) -> float:
 
 
 def _evidence(
-    left: FloatArray, part: FloatArray, course: FloatArray, visit: IntArray, expected: FloatArray
+    residuals: FloatArray,
+    part: FloatArray,
+    course: FloatArray,
+    visit: IntArray,
+    expected: FloatArray,
 ) -> float | None:
     """Say how much speaks for one part, its levels being seen along a course."""
-    levels = _levels(left + part, course, visit)
+    levels = _levels(residuals + part, course, visit)
     if len(levels) < FEWEST_SETUPS:
         return None
     fits = [_fits(levels, m) for m in MEMORIES]
     common, nothing = (
         np.concatenate(each)
-        for each in zip(*[(one.log, one.about_zero) for one in fits], strict=True)
+        for each in zip(*[(fit.log, fit.about_zero) for fit in fits], strict=True)
     )
     return 2.0 * float(logsumexp(common + expected) - logsumexp(nothing + expected))
 
@@ -234,11 +242,11 @@ def _expected(others: Sequence[FloatArray]) -> FloatArray:
     """
     if not others:
         return AS_LIKELY_NONE
-    told = _together(others)
-    found: FloatArray = np.logaddexp(
-        np.log1p(-ODD) + told - logsumexp(told), np.log(ODD) + AS_LIKELY_NONE
+    likelihood = _together(others)
+    expected_log: FloatArray = np.logaddexp(
+        np.log1p(-ODD) + likelihood - logsumexp(likelihood), np.log(ODD) + AS_LIKELY_NONE
     )
-    return found
+    return expected_log
 
 
 def _probability(log: FloatArray) -> FloatArray:
@@ -252,8 +260,8 @@ def _together(seen: Sequence[FloatArray]) -> FloatArray:
     log = np.array(seen)
     of_any = logsumexp(log + AS_LIKELY_NONE, axis=1, keepdims=True)
     of_each: FloatArray = np.logaddexp(np.log1p(-ODD) + log, np.log(ODD) + of_any)
-    found: FloatArray = of_each.sum(axis=0) + AS_LIKELY_NONE
-    return found
+    total: FloatArray = of_each.sum(axis=0) + AS_LIKELY_NONE
+    return total
 
 
 def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArray:
@@ -264,22 +272,22 @@ def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArr
     """
     groups = np.array_split(np.unique(visit), min(len(np.unique(visit)), MOST_LEVELS))
     largest = float(np.abs(course).max())
-    found = []
+    levels = []
     for group in groups:
         here = np.isin(visit, group)
         square = float(course[here] @ course[here]) / largest
         if square > 0.0:
             level = float(values[here] @ course[here]) / square
-            found.append((level, largest / square, float(np.mean(group))))
-    return np.array(found).reshape(-1, 3)
+            levels.append((level, largest / square, float(np.mean(group))))
+    return np.array(levels).reshape(-1, 3)
 
 
 def _within(course: FloatArray, visit: IntArray) -> FloatArray:
     """Take each set-up's mean off: what is left of a tilt, its shift beside it."""
-    found = course.copy()
+    within = course.copy()
     for number in np.unique(visit):
-        found[visit == number] -= course[visit == number].mean()
-    return found
+        within[visit == number] -= course[visit == number].mean()
+    return within
 
 
 def _fits(levels: FloatArray, memory: float) -> Fits:

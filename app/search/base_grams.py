@@ -74,13 +74,13 @@ def _base_gram(batch: Batch, state: State) -> BaseGram:
     sheet, k = batch.sheets[state.fixed.channel.number], batch.size
     moments = sheet.moments
     with_nuisance = sheet.within(moments.nuisance, state.cells)
-    own = sheet.within(sheet.own, state.cells)
+    products = sheet.within(sheet.gram, state.cells)
     reduced = moments.reduced if state.blocks.all() else moments.reduced[state.blocks]
-    gram = np.empty((len(state.rss), *own.shape))
+    gram = np.empty((len(state.rss), *products.shape))
     floor = np.empty(gram.shape[:2])
     for some in state.levels:
         of_visits, of_nuisance = some.taken(with_nuisance.T, reduced, k)
-        seen = np.trace(own - of_visits, axis1=2, axis2=3)
+        seen = np.trace(products - of_visits, axis1=2, axis2=3)
         floor[some.which] = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
-        gram[some.which] = own - of_visits - of_nuisance
+        gram[some.which] = products - of_visits - of_nuisance
     return BaseGram(gram, floor, with_nuisance, reduced)

@@ -143,7 +143,7 @@ class Traits:
     @property
     def traits(self) -> dict[str, Any]:
         """All of them by name."""
-        return {one.name: getattr(self, one.name) for one in fields(Traits)}
+        return {trait_field.name: getattr(self, trait_field.name) for trait_field in fields(Traits)}
 
 
 @dataclass(frozen=True, eq=False)

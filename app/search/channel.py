@@ -117,8 +117,8 @@ class Channel:
         -------
         ndarray, shape (b, 1 + q, m)
         """
-        found = np.asarray(self._of_blocks @ columns)
-        return found.reshape(len(self.starts), self.shapes.shape[1], columns.shape[1])
+        reduced = np.asarray(self._of_blocks @ columns)
+        return reduced.reshape(len(self.starts), self.shapes.shape[1], columns.shape[1])
 
     @cached_property
     def _of_blocks(self) -> SparseArray:
@@ -141,10 +141,10 @@ class Channel:
         -------
         ndarray, shape (cells, m, k)
         """
-        found = np.zeros((cells, left.shape[1], right.shape[1]))
+        products = np.zeros((cells, left.shape[1], right.shape[1]))
         for cell, part in self.parts:
-            found[cell] = left[part].T @ right[part]
-        return found
+            products[cell] = left[part].T @ right[part]
+        return products
 
     @cached_property
     def parts(self) -> list[tuple[int, slice]]:
@@ -217,14 +217,14 @@ def _blocks(rows: Rows, index: IntArray, starts: IntArray) -> Blocks:
     tilts = rows.tilt.shape[1]
     setups = len(np.unique(visits))
     is_own_unknown = setups < min(len(visits), FEWEST_SETUPS)
-    own = np.append(ASSUMED_SHIFT, np.full(tilts, ASSUMED_TILT)) ** 2
+    variances = np.append(ASSUMED_SHIFT, np.full(tilts, ASSUMED_TILT)) ** 2
     return Blocks(
         setups=visits,
         minutes=np.add.reduceat(rows.minutes[index], starts) / counts,
         free=np.array([zero is not Datum.ABSOLUTE for zero in zeros]),
-        own=np.full(1 + tilts, WIDE) if is_own_unknown else own,
+        own=np.full(1 + tilts, WIDE) if is_own_unknown else variances,
         # It tilts as much beside its shift as set-ups do.
-        wander=own / own[0],
+        wander=variances / variances[0],
         is_own_unknown=is_own_unknown,
     )
 
@@ -248,12 +248,17 @@ def shared_errors(
     count
         How many errors are shared at all; None: as many as any of these has.
     """
-    own = [one for one in nuisance if one.channel == number]
+    of_channel = [entry_set for entry_set in nuisance if entry_set.channel == number]
     if count is None:
-        count = max((one.shared.shape[0] for one in nuisance if one.shared is not None), default=0)
+        count = max(
+            (entry_set.shared.shape[0] for entry_set in nuisance if entry_set.shared is not None),
+            default=0,
+        )
     blocks = [
-        sparse.csr_array((count, one.columns.shape[1])) if one.shared is None else one.shared
-        for one in own
+        sparse.csr_array((count, entry_set.columns.shape[1]))
+        if entry_set.shared is None
+        else entry_set.shared
+        for entry_set in of_channel
     ]
     return sparse.hstack([sparse.csr_array((count, 0)), *blocks], format="csr")
 
@@ -273,9 +278,9 @@ def unit_prior_columns(
     ndarray, shape (m, p)
     """
     blocks = [np.zeros((len(index), 0))]
-    for one in nuisance:
-        if one.channel == number:
-            columns = one.at(index) / scale
+    for entry_set in nuisance:
+        if entry_set.channel == number:
+            columns = entry_set.at(index) / scale
             size = np.sqrt(np.mean(columns**2, axis=0))
             blocks.append(columns / np.maximum(size / LARGEST_PRIOR, 1.0))
     return np.hstack(blocks)

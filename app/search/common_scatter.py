@@ -60,12 +60,12 @@ SHUFFLES: Final = 200
 """Orders at random that say how much they do."""
 
 
-class _Own(NamedTuple):
+class _ChannelScatter(NamedTuple):
     """A channel's own scatter, over what is stated.
 
     Parameters
     ----------
-    left : ndarray, shape (n,)
+    residuals : ndarray, shape (n,)
         What is left within visits, in its own scatter, freed of what visits have taken up.
     freedom : ndarray, shape (n,)
         Share of each row that they have not.
@@ -74,7 +74,7 @@ class _Own(NamedTuple):
     number: int
     ratio: float
     rows: IntArray
-    left: FloatArray
+    residuals: FloatArray
     freedom: FloatArray
 
 
@@ -98,35 +98,35 @@ def with_common_scatter(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray
     Rows
         The same ones where nothing is contradicted.
     """
-    stated = [c for c in rows.noise if repeatability(rows, c, use).origin == "declared"]
-    stated = [c for c in stated if shows_scatter(rows, c, use)]
-    if len(stated) < FEWEST_CHANNELS:
+    declared = [c for c in rows.noise if repeatability(rows, c, use).origin == "declared"]
+    declared = [c for c in declared if shows_scatter(rows, c, use)]
+    if len(declared) < FEWEST_CHANNELS:
         return rows
-    first = [_own(rows, nuisance, c, use, rounds=1) for c in stated]
+    first = [_channel_scatter(rows, nuisance, c, use, rounds=1) for c in declared]
     side = _side(first, LEANING)
-    if side == 0 or _repeats_agree(rows, stated, use, side):
+    if side == 0 or _repeats_agree(rows, declared, use, side):
         return rows
-    own = [_own(rows, nuisance, c, use, rounds=ROUNDS) for c in stated]
-    if _side(own, DENIED) != side:
+    scatters = [_channel_scatter(rows, nuisance, c, use, rounds=ROUNDS) for c in declared]
+    if _side(scatters, DENIED) != side:
         return rows
-    factor, alike = _common(own)
+    factor, alike = _common(scatters)
     is_denied = factor**side >= DENIED
     if not (is_denied and _is_in_all_visits(rows, alike, side) and _is_white(rows, alike)):
         return rows
     noise = dict(rows.noise)
-    for c in stated:
+    for c in declared:
         value = factor * (noise[c].repeatability or 0.0)
         noise[c] = replace(noise[c], repeatability=value, origin=COMMON)
     return replace(rows, noise=noise)
 
 
-def _own(
+def _channel_scatter(
     rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArray, rounds: int
-) -> _Own:
+) -> _ChannelScatter:
     """Estimate one channel's scatter by itself, whatever is stated."""
     cell_of = {int(b): 0 for b in np.unique(rows.block)}
-    stated = repeatability(rows, number, use).value
-    scale, ratio = stated, 1.0
+    declared = repeatability(rows, number, use).value
+    scale, ratio = declared, 1.0
     for _ in range(rounds):
         channel = prepare(rows, nuisance, number, scale, 0.0, use, cell_of)
         state = State(fixed_of(channel, 1), np.ones(1, dtype=bool))
@@ -138,8 +138,8 @@ def _own(
         if abs(ratio - 1.0) < SETTLED:
             break
     within = Within(channel, channel.tried[best], np.ones(len(channel.rows)))
-    left = within.off * within.alone / ratio
-    return _Own(number, scale / stated, channel.rows, left, within.alone)
+    residuals = within.off * within.alone / ratio
+    return _ChannelScatter(number, scale / declared, channel.rows, residuals, within.alone)
 
 
 def side_of(ratios: FloatArray, freedom: FloatArray, margin: float = DENIED) -> int:
@@ -154,16 +154,19 @@ def side_of(ratios: FloatArray, freedom: FloatArray, margin: float = DENIED) -> 
     margin
         Times what is stated from which it is contradicted.
     """
-    known = freedom >= FEWEST_LEFT
-    if known.sum() < FEWEST_CHANNELS:
+    enough = freedom >= FEWEST_LEFT
+    if enough.sum() < FEWEST_CHANNELS:
         return 0
-    return _side_of(ratios[known], freedom[known], margin)
+    return _side_of(ratios[enough], freedom[enough], margin)
 
 
-def _side(own: Sequence[_Own], margin: float) -> int:
+def _side(scatters: Sequence[_ChannelScatter], margin: float) -> int:
     ratios, freedom = (
         np.array(of_each)
-        for of_each in ([one.ratio for one in own], [one.freedom.sum() for one in own])
+        for of_each in (
+            [channel.ratio for channel in scatters],
+            [channel.freedom.sum() for channel in scatters],
+        )
     )
     return side_of(ratios, freedom, margin)
 
@@ -177,60 +180,60 @@ def _side_of(ratios: FloatArray, freedom: FloatArray, margin: float) -> int:
     return -1 if np.mean(-away < limit) <= NEARLY_ALL else 0
 
 
-def _repeats_agree(rows: Rows, stated: Sequence[int], use: BoolArray, side: int) -> bool:
+def _repeats_agree(rows: Rows, declared: Sequence[int], use: BoolArray, side: int) -> bool:
     """Whether places that were repeated speak for what is stated: they have priority."""
     squares, freedom = 0.0, 0
-    for c in stated:
-        variance, own = pure_error(rows, c, use)
-        squares += variance * own / repeatability(rows, c, use).value ** 2
-        freedom += own
+    for c in declared:
+        variance, channel_freedom = pure_error(rows, c, use)
+        squares += variance * channel_freedom / repeatability(rows, c, use).value ** 2
+        freedom += channel_freedom
     if freedom < ENOUGH_REPLICATES:
         return False
     ratio = float(np.sqrt(squares / freedom))
     return ratio < DENIED if side > 0 else ratio > 1.0 / DENIED
 
 
-def _common(own: Sequence[_Own]) -> tuple[float, list[_Own]]:
+def _common(scatters: Sequence[_ChannelScatter]) -> tuple[float, list[_ChannelScatter]]:
     """Pool the scatter of the channels that agree; what moves others makes theirs larger."""
-    known = [one for one in own if one.freedom.sum() >= FEWEST_LEFT]
-    away = np.log([one.ratio for one in known])
-    freedom = np.array([one.freedom.sum() for one in known])
+    determined = [channel for channel in scatters if channel.freedom.sum() >= FEWEST_LEFT]
+    away = np.log([channel.ratio for channel in determined])
+    freedom = np.array([channel.freedom.sum() for channel in determined])
     off = away - np.median(away)
     # That the median of some channels is off by itself too.
     of_median = MEDIAN * np.std(away) / np.sqrt(len(away))
     agrees = np.abs(off) <= WITHIN * np.sqrt(1.0 / (2.0 * freedom) + of_median**2)
-    alike = [one for one, it in zip(known, agrees.tolist(), strict=True) if it]
-    squares = np.array([one.ratio**2 for one in alike])
+    alike = [channel for channel, it in zip(determined, agrees.tolist(), strict=True) if it]
+    squares = np.array([channel.ratio**2 for channel in alike])
     return float(np.sqrt(np.average(squares, weights=freedom[agrees]))), alike
 
 
-def _is_in_all_visits(rows: Rows, alike: Sequence[_Own], side: int) -> bool:
+def _is_in_all_visits(rows: Rows, alike: Sequence[_ChannelScatter], side: int) -> bool:
     """Whether nearly every visit shows it: what comes and goes is no repeatability."""
-    block = np.concatenate([rows.block[one.rows] for one in alike])
-    squares = np.concatenate([(one.ratio * one.left) ** 2 for one in alike])
-    of_rows = np.concatenate([one.freedom for one in alike])
+    block = np.concatenate([rows.block[channel.rows] for channel in alike])
+    squares = np.concatenate([(channel.ratio * channel.residuals) ** 2 for channel in alike])
+    of_rows = np.concatenate([channel.freedom for channel in alike])
     freedom = np.asarray(np.bincount(block, weights=of_rows), dtype=np.float64)
-    known = freedom >= FEWEST_LEFT
-    if not known.any():
+    enough = freedom >= FEWEST_LEFT
+    if not enough.any():
         return False
-    ratios = np.sqrt(np.bincount(block, weights=squares)[known] / freedom[known])
-    return _side_of(ratios, freedom[known], DENIED) == side
+    ratios = np.sqrt(np.bincount(block, weights=squares)[enough] / freedom[enough])
+    return _side_of(ratios, freedom[enough], DENIED) == side
 
 
-def _is_white(rows: Rows, alike: Sequence[_Own]) -> bool:
+def _is_white(rows: Rows, alike: Sequence[_ChannelScatter]) -> bool:
     """Whether what is left beside each other in time or place resembles no more than by chance."""
-    index = np.concatenate([one.rows for one in alike])
-    left = np.concatenate([one.left for one in alike])
+    index = np.concatenate([channel.rows for channel in alike])
+    residuals = np.concatenate([channel.residuals for channel in alike])
     group = rows.channel[index] * (1 + int(rows.block.max())) + rows.block[index]
     orders = [rows.minutes, *rows.tilt.T]
     random = np.random.default_rng(0)
-    mixed = [_resemblance(left, group, random.random(len(left))) for _ in range(SHUFFLES)]
+    mixed = [_resemblance(residuals, group, random.random(len(residuals))) for _ in range(SHUFFLES)]
     limit = float(np.mean(mixed) + WHITE * np.std(mixed))
-    return all(_resemblance(left, group, order[index]) <= limit for order in orders)
+    return all(_resemblance(residuals, group, order[index]) <= limit for order in orders)
 
 
-def _resemblance(left: FloatArray, group: IntArray, order: FloatArray) -> float:
+def _resemblance(residuals: FloatArray, group: IntArray, order: FloatArray) -> float:
     """Sum the products of neighbours in an order, within each group."""
     sequence = np.lexsort((order, group))
-    values, of = left[sequence], group[sequence]
+    values, of = residuals[sequence], group[sequence]
     return float(np.sum((values[1:] * values[:-1])[of[1:] == of[:-1]]))

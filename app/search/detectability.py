@@ -49,13 +49,13 @@ class Information:
 
     Parameters
     ----------
-    own : ndarray, shape (k, k)
+    gram : ndarray, shape (k, k)
         Information about its amplitudes beside visits and maps.
     metric : ndarray, shape (k, k)
         Products of its columns.
     """
 
-    own: FloatArray
+    gram: FloatArray
     metric: FloatArray
     rows: int
 
@@ -114,8 +114,8 @@ class Chances:
             if at and all(c in noise for c in batch.channels):
                 parts.setdefault((batch.channels, batch.size), []).append((number, at))
         for together in parts.values():
-            own = [library.batches[number].entries[i] for number, at in together for i in at]
-            needed[library.groups[own]] = noncentralities(base, noise, limit, cost, together)
+            entries = [library.batches[number].entries[i] for number, at in together for i in at]
+            needed[library.groups[entries]] = noncentralities(base, noise, limit, cost, together)
         level = {c: int(np.argmax(state.null)) for c, state in states.items()}
         scatter = {c: float(s.scatter(s.rss[level[c]])) for c, s in states.items()}
         return cls(needed, level, scatter)
@@ -152,16 +152,18 @@ def smallest_effects(
     wanted = [
         i for i in _middles(library, library.testable) if np.isfinite(needed[library.groups[i]])
     ]
-    known = informations(library, states, level, scatter, wanted)
-    chosen = [i for i in wanted if i in known]
+    per_entry = informations(library, states, level, scatter, wanted)
+    chosen = [i for i in wanted if i in per_entry]
     overlaps: dict[int, Overlap] = {}
     if rivals and chosen:
-        overlaps = _overlaps(library, states, level, scatter, known, chosen)
+        overlaps = _overlaps(library, states, level, scatter, per_entry, chosen)
     every = (
-        _one(library, i, known[i], float(needed[library.groups[i]]), overlaps.get(i))
+        _detectable_entry(
+            library, i, per_entry[i], float(needed[library.groups[i]]), overlaps.get(i)
+        )
         for i in chosen
     )
-    return [one for one in every if one is not None]
+    return [detectable for detectable in every if detectable is not None]
 
 
 def _middles(library: Library, allowed: BoolArray) -> list[int]:
@@ -172,24 +174,26 @@ def _middles(library: Library, allowed: BoolArray) -> list[int]:
     return [m[len(m) // 2] for m in members.values()]
 
 
-def _one(
-    library: Library, number: int, known: Information, needed: float, overlap: Overlap | None
+def _detectable_entry(
+    library: Library, number: int, information: Information, needed: float, overlap: Overlap | None
 ) -> Detectable | None:
     entry = library.entries[number]
-    if np.trace(known.own) < NOTHING_SEEN * entry.size:
+    if np.trace(information.gram) < NOTHING_SEEN * entry.size:
         return None
-    spread = float(np.trace(inverse(known.own) @ known.metric)) / entry.size
+    spread = float(np.trace(inverse(information.gram) @ information.metric)) / entry.size
     if spread <= 0 or not np.isfinite(spread):
         return None
     candidate = library.candidates[entry.candidate]
-    smallest = float(np.sqrt(needed * spread / known.rows))
+    smallest = float(np.sqrt(needed * spread / information.rows))
     rival, distinguishable = None, smallest
     if overlap is not None:
         if overlap.rival is not None:
             rival = library.candidates[library.entries[overlap.rival].candidate].key
         apart = 1.0 - overlap.share
         distinguishable = (
-            float(np.sqrt(TELLING_APART * spread / known.rows / apart)) if apart > SAME else np.inf
+            float(np.sqrt(TELLING_APART * spread / information.rows / apart))
+            if apart > SAME
+            else np.inf
         )
     return Detectable(
         candidate.key,
@@ -225,33 +229,33 @@ def informations(
     dict
         Entry to information; entries that nothing excites are left out.
     """
-    found, wanted = {}, set(entries)
+    by_entry, wanted = {}, set(entries)
     for batch in (b for b in library.batches if not b.generic):
         places = [i for i, entry in enumerate(batch.entries) if entry in wanted]
         if not places or not all(c in states for c in batch.channels):
             continue
         g, k = len(places), batch.size
-        own, metric = np.zeros((g, k, k)), np.zeros((g, k, k))
+        gram, metric = np.zeros((g, k, k)), np.zeros((g, k, k))
         for c in batch.channels:
             sheet = batch.sheets[c]
-            products = sheet.within(sheet.own, states[c].cells)[places]
-            own += (products - blocks(_shadow(states[c], level[c], batch, places), k)) / scatter[c]
+            products = sheet.within(sheet.gram, states[c].cells)[places]
+            gram += (products - blocks(_shadow(states[c], level[c], batch, places), k)) / scatter[c]
             metric += products
         rows = sum(states[c].count for c in batch.channels)
         for i, place in enumerate(places):
-            found[batch.entries[place]] = Information(own[i], metric[i], rows)
-    return found
+            by_entry[batch.entries[place]] = Information(gram[i], metric[i], rows)
+    return by_entry
 
 
 def _shadow(state: State, level: int, batch: Batch, places: Sequence[int]) -> FloatArray:
     """Give the shadow of some of a batch's entries, by their places in it."""
     sheet = batch.sheets[state.fixed.channel.number]
     columns = (batch.size * np.array(places)[:, None] + np.arange(batch.size)).ravel()
-    found: FloatArray = state.level(level).shadow(
+    shadow: FloatArray = state.level(level).shadow(
         sheet.within(sheet.moments.nuisance, state.cells)[columns].T,
         sheet.moments.reduced[state.blocks][..., columns],
     )[0]
-    return found
+    return shadow
 
 
 def _overlaps(
@@ -259,7 +263,7 @@ def _overlaps(
     states: Mapping[int, State],
     level: Mapping[int, int],
     scatter: Mapping[int, float],
-    known: Mapping[int, Information],
+    per_entry: Mapping[int, Information],
     chosen: Sequence[int],
 ) -> dict[int, Overlap]:
     """Find for each chosen entry the chosen one of another family that imitates it best.
@@ -281,7 +285,7 @@ def _overlaps(
     for i, entry in enumerate(chosen):
         # Each entry's own columns become orthonormal: what is left are cosines.
         part = slice(starts[i], starts[i] + sizes[i])
-        root = inverse_roots(known[entry].own[None], np.full(1, NOTHING_SEEN))[0][0]
+        root = inverse_roots(per_entry[entry].gram[None], np.full(1, NOTHING_SEEN))[0][0]
         products[part] = root.T @ products[part]
         products[:, part] = products[:, part] @ root
     shares = np.add.reduceat(np.add.reduceat(products**2, starts, axis=0), starts, axis=1)
@@ -302,6 +306,6 @@ def _whitened(state: State, level: int, columns: FloatArray) -> NDArray[np.float
         moments.nuisance[state.cells].sum(axis=0).T, moments.reduced[state.blocks]
     )[0]
     here = state.cells[state.fixed.channel.cells][state.fixed.channel.block]
-    own, shadow = columns[here].astype(np.float32), taken.astype(np.float32)
-    found: NDArray[np.float32] = own.T @ own - shadow.T @ shadow
-    return found
+    chosen_columns, shadow = columns[here].astype(np.float32), taken.astype(np.float32)
+    gram: NDArray[np.float32] = chosen_columns.T @ chosen_columns - shadow.T @ shadow
+    return gram

@@ -92,8 +92,8 @@ class Draws:
         """
         # Laid out in one way: sums of short numbers differ by the order in which they are added.
         short = columns.astype(np.float32, order="C")
-        found: NDArray[np.float32] = short.T @ self.noise(fixed)
-        return found
+        products: NDArray[np.float32] = short.T @ self.noise(fixed)
+        return products
 
     def response(self, state: State) -> DrawnMoments:
         """Give the draws of a channel; several scans ask for those of the same state."""
@@ -152,30 +152,30 @@ class Draws:
                 shift, channel.blocks.setups, np.array(variances)[level], random, uniform
             )
         for i in np.unique(level):
-            own = level == i
-            shift[..., own] = channel.blocks.draw(channel.tried[i], shift[..., own])
+            of_level = level == i
+            shift[..., of_level] = channel.blocks.draw(channel.tried[i], shift[..., of_level])
         maps = self._maps(channel, random.standard_normal((channel.nuisance.shape[1], self.count)))
         return self._combined(state, fixed, shift, maps, size)
 
-    def _maps(self, channel: Channel, own: FloatArray) -> FloatArray:
+    def _maps(self, channel: Channel, single: FloatArray) -> FloatArray:
         """Draw the maps' errors: where channels share a map, one and the same for all."""
         if not channel.shared.nnz:
-            return own
+            return single
         random = np.random.default_rng([self.seed, 2])
         of_entries = random.standard_normal((channel.shared.shape[0], self.count))
         drawn = np.asarray(channel.shared.T @ of_entries)
         is_shared = np.bincount(channel.shared.indices, minlength=channel.shared.shape[1]) > 0
-        return np.where(is_shared[:, None], drawn, own)
+        return np.where(is_shared[:, None], drawn, single)
 
     def _combined(
         self, state: State, fixed: Fixed, shift: FloatArray, maps: FloatArray, size: FloatArray
     ) -> DrawnMoments:
         noise, square = self._noise_moments(fixed)
         channel = fixed.channel
-        own, crossed = fixed.nuisance.nuisance.sum(axis=0), fixed.nuisance.reduced
+        gram, crossed = fixed.nuisance.nuisance.sum(axis=0), fixed.nuisance.reduced
         visits = channel.gram @ shift
         taken_up = np.einsum("bqp,bqm->pm", crossed, shift)
-        with_nuisance = noise.nuisance.sum(axis=0).T + taken_up + own @ maps
+        with_nuisance = noise.nuisance.sum(axis=0).T + taken_up + gram @ maps
         reduced = noise.reduced + visits + crossed @ maps
         # y'y of y = e + Zb + Jm, put together from products of the three parts: the rows of Zb
         # and Jm, as many for every draw, are never formed.
@@ -183,14 +183,14 @@ class Draws:
             square
             + np.sum(shift * (2.0 * noise.reduced + visits), axis=(0, 1))
             + np.sum(
-                maps * (2.0 * noise.nuisance.sum(axis=0).T + own @ maps + 2.0 * taken_up), axis=0
+                maps * (2.0 * noise.nuisance.sum(axis=0).T + gram @ maps + 2.0 * taken_up), axis=0
             )
         )
         if state.given is not None:
             columns = state.given.columns
-            given = moments_of(channel, columns, fixed.cells)
-            lower = columns.T @ self.noise(fixed) + given.nuisance.sum(axis=0) @ maps
-            lower += np.einsum("bqg,bqm->gm", given.reduced, shift)
+            moments = moments_of(channel, columns, fixed.cells)
+            lower = columns.T @ self.noise(fixed) + moments.nuisance.sum(axis=0) @ maps
+            lower += np.einsum("bqg,bqm->gm", moments.reduced, shift)
             with_nuisance = np.vstack([with_nuisance, lower])
         return DrawnMoments(
             with_nuisance * size, reduced * size, squares * size**2, shift, maps, size
@@ -200,8 +200,8 @@ class Draws:
         number = fixed.channel.number
         if number not in self._moments:
             noise = self.noise(fixed).astype(np.float64)
-            found = moments_of(fixed.channel, noise, fixed.cells)
-            self._moments[number] = (found, np.sum(noise**2, axis=0))
+            moments = moments_of(fixed.channel, noise, fixed.cells)
+            self._moments[number] = (moments, np.sum(noise**2, axis=0))
         return self._moments[number]
 
 

@@ -49,15 +49,15 @@ class Learned:
         -------
         ndarray, shape (n,)
         """
-        found, start = np.zeros(len(self.states[channel].fixed.channel.rows)), 0
+        total, start = np.zeros(len(self.states[channel].fixed.channel.rows)), 0
         for i, term in enumerate(self.terms):
             part = slice(start, start + term.size)
             start += term.size
             if number is not None and i != number:
                 continue
             if channel in term.columns and not (known_alone and term.origin is None):
-                found += term.columns[channel] @ self.fit.amplitudes[part]
-        return found
+                total += term.columns[channel] @ self.fit.amplitudes[part]
+        return total
 
     def prediction(self, channel: int) -> FloatArray:
         """Predict all rows of a channel: refitted maps and terms, in repeatabilities.
@@ -67,9 +67,9 @@ class Learned:
         ndarray, shape (n,)
         """
         state, effect = self.states[channel], self.effect(channel)
-        own = state.fixed.channel
-        entries = Model(state, self.fit.level[channel]).entries(own.values - effect)
-        return np.asarray(effect + own.nuisance @ entries)
+        fixed_channel = state.fixed.channel
+        entries = Model(state, self.fit.level[channel]).entries(fixed_channel.values - effect)
+        return np.asarray(effect + fixed_channel.nuisance @ entries)
 
 
 def learn(states: Mapping[int, State], terms: Sequence[Term]) -> Learned:
@@ -83,7 +83,9 @@ def learn(states: Mapping[int, State], terms: Sequence[Term]) -> Learned:
     return Learned(terms, fit_terms(states, terms), states)
 
 
-def calibration_slope(problem: Problem, learned: Learned, number: int, held: BoolArray) -> Slope:
+def calibration_slope(
+    problem: Problem, learned: Learned, number: int, held_out: BoolArray
+) -> Slope:
     """Regress what held-out visits show of a term on what was predicted of it.
 
     The predicted contribution is what the term changes in the whole prediction, with the
@@ -93,7 +95,7 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
 
     Parameters
     ----------
-    held : ndarray, shape (cells,)
+    held_out : ndarray, shape (cells,)
         Which cells were held out.
 
     Returns
@@ -106,9 +108,9 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
     without = learn({c: s for c, s in learned.states.items() if c in touched}, others)
     measured = information = 0.0
     for channel in without.states:
-        if held[problem.fixed[channel].channel.cells].any():
+        if held_out[problem.fixed[channel].channel.cells].any():
             change = learned.prediction(channel) - without.prediction(channel)
-            seen = _seen(without, channel, change, held)
+            seen = _seen(without, channel, change, held_out)
             measured, information = measured + seen[0], information + seen[1]
     # Without information the slope is not 0 but unknown: its error is infinite.
     if information <= 1e-9:
@@ -116,7 +118,9 @@ def calibration_slope(problem: Problem, learned: Learned, number: int, held: Boo
     return Slope(measured / information, float(information**-0.5), information)
 
 
-def slope_from_same_zero(problem: Problem, learned: Learned, number: int, held: BoolArray) -> Slope:
+def slope_from_same_zero(
+    problem: Problem, learned: Learned, number: int, held_out: BoolArray
+) -> Slope:
     """Regress as `calibration_slope` does, where set-ups keep their zero while visits are held out.
 
     Where few set-ups were seen, the zero of each is unknown: anew on its held-out part, if that is
@@ -129,11 +133,11 @@ def slope_from_same_zero(problem: Problem, learned: Learned, number: int, held: 
     term, start = learned.terms[number], sum(t.size for t in learned.terms[:number])
     sizes = learned.fit.amplitudes[start : start + term.size]
     touched = {c for t in learned.terms for c in t.columns}
-    cells = held.copy()
+    cells = held_out.copy()
     for state in learned.states.values():
         cells |= state.cells
     states = {c: s for c, s in problem.states(cells).items() if c in touched}
-    parts = [_predicted(problem, term, sizes, where) for where in (~held, held)]
+    parts = [_predicted(problem, term, sizes, where) for where in (~held_out, held_out)]
     fit = fit_terms(states, [*others, *parts])
     (taught, shared), (_, variance) = fit.covariance[-2:, -2:]
     if variance <= 0.0:
@@ -147,20 +151,20 @@ def slope_from_same_zero(problem: Problem, learned: Learned, number: int, held: 
 def _predicted(problem: Problem, term: Term, sizes: FloatArray, cells: BoolArray) -> Term:
     """Make one column of what is predicted of a term on some cells, 0 on all others."""
     columns = {}
-    for c, own in term.columns.items():
+    for c, column in term.columns.items():
         channel = problem.fixed[c].channel
         rows = cells[channel.cells][channel.block]
-        columns[c] = ((own @ sizes) * rows)[:, None]
+        columns[c] = ((column @ sizes) * rows)[:, None]
     return Term(term.candidate, term.theta, columns, np.ones(1))
 
 
 def _seen(
-    without: Learned, channel: int, change: FloatArray, held: BoolArray
+    without: Learned, channel: int, change: FloatArray, held_out: BoolArray
 ) -> tuple[float, float]:
     """Give f'Ω⁻¹q and f'Ω⁻¹f of one channel: predicted change f, what is left without it q."""
     model = Model(_beside(without, channel), without.fit.level[channel])
-    left = without.states[channel].fixed.channel.values - without.prediction(channel)
-    product = model.product_of_held_out(np.column_stack([change, left]), held)
+    residuals = without.states[channel].fixed.channel.values - without.prediction(channel)
+    product = model.product_of_held_out(np.column_stack([change, residuals]), held_out)
     size, agreement = product[0] / without.fit.scatter[channel]
     return float(agreement), float(size)
 
@@ -172,5 +176,5 @@ def _beside(without: Learned, channel: int) -> State:
     if not mine:
         return state
     columns = np.hstack(mine)
-    given = Given(columns, np.zeros(columns.shape[1]), np.zeros(len(columns)))
-    return State(state.fixed, state.cells, given)
+    conditioned = Given(columns, np.zeros(columns.shape[1]), np.zeros(len(columns)))
+    return State(state.fixed, state.cells, conditioned)

@@ -49,21 +49,23 @@ def held_out_figures(
     dict
         Channel to figures; empty where nothing was held out.
     """
-    found: dict[int, HeldOut] = {}
+    figures: dict[int, HeldOut] = {}
     for c, fixed in problem.fixed.items():
         channel = fixed.channel
         seen = np.isfinite(checked.after[channel.rows])
         if not seen.any():
             continue
-        left = channel.scale * _left(channel, checked.after[channel.rows])[seen]
+        residuals = channel.scale * _residuals(channel, checked.after[channel.rows])[seen]
         visit = channel.blocks.setups[channel.block][seen]
         expected = _expected(problem, channel, fit, typical[c])
         open_still = checked.variance[channel.rows] if c in settled else np.zeros(len(seen))
-        spread, chance = _apart_from_one(channel, expected, left / channel.scale, seen, open_still)
-        found[c] = HeldOut(
+        spread, chance = _apart_from_one(
+            channel, expected, residuals / channel.scale, seen, open_still
+        )
+        figures[c] = HeldOut(
             rows=len(visit),
             visits=len(np.unique(visit)),
-            after=figure(left, visit, seed),
+            after=figure(residuals, visit, seed),
             floor=Floor(
                 noise=channel.scale * float(np.sqrt(expected.scatter)),
                 setups=channel.scale * rms(np.sqrt(expected.of_setups(channel)[seen])),
@@ -72,20 +74,24 @@ def held_out_figures(
             spread=spread,
             chance=chance,
         )
-    return found
+    return figures
 
 
-def _left(channel: Channel, predicted: FloatArray) -> FloatArray:
-    left = channel.values - predicted
+def _residuals(channel: Channel, predicted: FloatArray) -> FloatArray:
+    residuals = channel.values - predicted
     of_setup = np.unique(channel.blocks.setups, return_inverse=True)[1][channel.block]
     if channel.blocks.is_own_unknown:
         for setup in np.unique(of_setup):
-            own = of_setup == setup
-            shapes = channel.shapes[own]
-            left[own] -= shapes @ np.linalg.lstsq(shapes, left[own], rcond=None)[0]
-        return np.asarray(left)
-    means = np.bincount(of_setup, weights=left) / np.bincount(of_setup)
-    return np.asarray(left - np.where(channel.blocks.free[channel.block], means[of_setup], 0.0))
+            of_number = of_setup == setup
+            shapes = channel.shapes[of_number]
+            residuals[of_number] -= (
+                shapes @ np.linalg.lstsq(shapes, residuals[of_number], rcond=None)[0]
+            )
+        return np.asarray(residuals)
+    means = np.bincount(of_setup, weights=residuals) / np.bincount(of_setup)
+    return np.asarray(
+        residuals - np.where(channel.blocks.free[channel.block], means[of_setup], 0.0)
+    )
 
 
 def typical_level(states: Mapping[int, State]) -> dict[int, int]:
@@ -94,13 +100,13 @@ def typical_level(states: Mapping[int, State]) -> dict[int, int]:
     One channel whose visits scatter much more than those of all others does so for a cause;
     its own fit would take that for its set-up.
     """
-    found: dict[int, int] = {}
+    by_channel: dict[int, int] = {}
     for size in {len(s.rss) for s in states.values()}:
         same = {c: s for c, s in states.items() if len(s.rss) == size}
         # No channel may outvote the others by more than so much.
         votes = sum(np.maximum(s.null - s.null.max(), -LARGEST_VOTE) for s in same.values())
-        found |= dict.fromkeys(same, int(np.argmax(votes)))
-    return found
+        by_channel |= dict.fromkeys(same, int(np.argmax(votes)))
+    return by_channel
 
 
 class _NoiseFloor(NamedTuple):
@@ -127,8 +133,8 @@ def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _No
     declared = problem.rows.noise.get(channel.number)
     variances = channel.blocks.own_variances(channel.tried[typical])
     # Beside a stated repeatability the fitted one may hide what is unexplained.
-    stated = declared is not None and declared.repeatability is not None
-    scatter = 1.0 if stated else fit.scatter[channel.number]
+    is_declared = declared is not None and declared.repeatability is not None
+    scatter = 1.0 if is_declared else fit.scatter[channel.number]
     least = declared.rounding / channel.scale if declared is not None else 0.0
     scatter = max(scatter, least**2)
     return _NoiseFloor(scatter, variances)
@@ -137,7 +143,7 @@ def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _No
 def _apart_from_one(
     channel: Channel,
     expected: _NoiseFloor,
-    left: FloatArray,
+    residuals: FloatArray,
     seen: BoolArray,
     open_still: FloatArray,
 ) -> tuple[float, float]:
@@ -148,7 +154,7 @@ def _apart_from_one(
 
     Parameters
     ----------
-    left : ndarray, shape (seen,)
+    residuals : ndarray, shape (seen,)
         In scales.
     open_still : ndarray, shape (n,)
         Variance that teaching visits leave open, the same for all rows of a visit.
@@ -163,12 +169,12 @@ def _apart_from_one(
     shapes, block = channel.shapes[seen], channel.block[seen]
     setup, opened = channel.blocks.setups[block], np.sqrt(open_still[seen])
     squares, means, variances = [], [], []
-    for one in np.unique(setup):
-        own = np.flatnonzero(setup == one)
-        of_setup = shapes[own] * np.sqrt(expected.of_setup[block[own]])
-        together = expected.scatter * (np.eye(len(own)) + of_setup @ of_setup.T)
-        together += np.outer(opened[own], opened[own])
-        squares.append(float(left[own] @ left[own]))
+    for number in np.unique(setup):
+        of_number = np.flatnonzero(setup == number)
+        of_setup = shapes[of_number] * np.sqrt(expected.of_setup[block[of_number]])
+        together = expected.scatter * (np.eye(len(of_number)) + of_setup @ of_setup.T)
+        together += np.outer(opened[of_number], opened[of_number])
+        squares.append(float(residuals[of_number] @ residuals[of_number]))
         means.append(float(np.trace(together)))
         variances.append(2.0 * float(np.sum(together**2)))
     furthest = int(np.argmax(np.array(squares) / means))

@@ -147,20 +147,22 @@ def left_out(
         each error: X'V⁻¹Z, summed over the channels.
     """
     width = len(fit.amplitudes)
-    count = max((0 if one.shared is None else one.shared.shape[0] for one in errors), default=0)
+    count = max(
+        (0 if error.shared is None else error.shared.shape[0] for error in errors), default=0
+    )
     taken = np.zeros((width, count))
     offsets = np.cumsum([0, *(t.size for t in terms)])
     for c, state in states.items():
         mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if c in t.columns]
-        own = [one for one in errors if one.channel == c]
-        if not mine or not own:
+        of_channel = [error for error in errors if error.channel == c]
+        if not mine or not of_channel:
             continue
         channel = state.fixed.channel
         x = np.hstack([t.columns[c] for _, t in mine])
-        z = unit_prior_columns(own, c, channel.rows, channel.scale)
+        z = unit_prior_columns(of_channel, c, channel.rows, channel.scale)
         cross = Model(state, fit.level[c]).product(x, z) / fit.scatter[c]
         index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
-        taken[index] += cross @ shared_errors(own, c, count).T
+        taken[index] += cross @ shared_errors(of_channel, c, count).T
     moved = fit.covariance @ taken
     return np.asarray(moved @ moved.T)
 
@@ -187,8 +189,8 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
     columns = np.hstack([t.columns[number] for _, t in mine])
     parts = [t.moments(fixed) for _, t in mine]
-    own = columns if state.blocks.all() else columns[state.blocks[fixed.channel.block]]
-    square = own.T @ own
+    used = columns if state.blocks.all() else columns[state.blocks[fixed.channel.block]]
+    square = used.T @ used
     nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
     values = np.concatenate([m.values[state.cells].sum(axis=0) for m in parts])
     reduced = np.concatenate([m.reduced[state.blocks] for m in parts], axis=2)
@@ -223,8 +225,8 @@ def inverse(gram: FloatArray) -> FloatArray:
     # Directions without information get variance 0, not infinity: their amplitudes stay at 0.
     keep = values > RANK * np.maximum(values.max(axis=-1, keepdims=True), 1e-30)
     scale = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
-    found: FloatArray = (vectors * scale[..., None, :]) @ np.swapaxes(vectors, -1, -2)
-    return found
+    inverses: FloatArray = (vectors * scale[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return inverses
 
 
 @dataclass(frozen=True, eq=False)

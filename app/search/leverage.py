@@ -37,8 +37,12 @@ def leverage(
     by_block: dict[int, float] = defaultdict(float)
     for channel in term.channels:
         before, after = (_by_block(m, full, channel) for m in (without, full))
-        own, use = near[channel].fixed.channel, near[channel].blocks
-        numbers = zip(own.blocks.setups[use].tolist(), own.numbers[use].tolist(), strict=True)
+        near_channel, use = near[channel].fixed.channel, near[channel].blocks
+        numbers = zip(
+            near_channel.blocks.setups[use].tolist(),
+            near_channel.numbers[use].tolist(),
+            strict=True,
+        )
         for (visit, block), gain in zip(numbers, before - after, strict=True):
             by_visit[visit] += float(gain)
             by_block[block] += float(gain)
@@ -54,9 +58,9 @@ def _by_block(model: Learned, weights: Learned, channel: int) -> FloatArray:
     """Give each block's weighted squares left by a model, weights from the full one."""
     state = model.states[channel]
     fixed = state.fixed.channel
-    left = fixed.values - model.prediction(channel)
+    residuals = fixed.values - model.prediction(channel)
     # Blocks that scatter together share their squares r'V⁻¹r: each has r_i'(V⁻¹r)_i of them.
-    setups = Model(state, weights.fit.level[channel]).setups(left)
-    taken = np.sum(fixed.reduce(left[:, None])[state.blocks, :, 0] * setups, axis=1)
-    squares = np.add.reduceat(left**2, fixed.starts)[state.blocks] - taken
+    setups = Model(state, weights.fit.level[channel]).setups(residuals)
+    taken = np.sum(fixed.reduce(residuals[:, None])[state.blocks, :, 0] * setups, axis=1)
+    squares = np.add.reduceat(residuals**2, fixed.starts)[state.blocks] - taken
     return np.asarray(squares / weights.fit.scatter[channel])

@@ -70,7 +70,7 @@ class Sheet:
 
     Parameters
     ----------
-    own : ndarray, shape (cells, g, k, k)
+    gram : ndarray, shape (cells, g, k, k)
         Products of each entry's own columns within each cell. These and the moments' products
         have a single cell, that of all rows, where no cells are asked for apart.
     noise : ndarray, shape (g k, B)
@@ -79,7 +79,7 @@ class Sheet:
         The columns, where they are kept.
     """
 
-    own: FloatArray
+    gram: FloatArray
     moments: Moments
     noise: NDArray[np.float32]
     columns: FloatArray | None
@@ -92,8 +92,8 @@ class Sheet:
         products : ndarray, shape (cells, ...) or (1, ...)
         """
         if len(products) == len(cells):
-            found: FloatArray = products[cells].sum(axis=0)
-            return found
+            total: FloatArray = products[cells].sum(axis=0)
+            return total
         if not cells.all():
             raise ValueError("expected all cells: these products are not kept apart by cell")
         return np.asarray(products[0])
@@ -102,7 +102,7 @@ class Sheet:
     def bytes_of_products(self) -> int:
         """Size of all but the columns."""
         moments = self.moments
-        parts = (self.own, self.noise, moments.nuisance, moments.values, moments.reduced)
+        parts = (self.gram, self.noise, moments.nuisance, moments.values, moments.reduced)
         return sum(part.nbytes for part in parts)
 
 
@@ -140,11 +140,11 @@ class Library:
     @cached_property
     def blocks_of_entries(self) -> IntArray:
         """The blocks behind every entry, the most of any channel it acts on: shape (entries,)."""
-        found = np.zeros(len(self.entries), dtype=np.intp)
+        most_blocks = np.zeros(len(self.entries), dtype=np.intp)
         for batch in self.batches:
             counts = [len(self.problem.fixed[c].channel.starts) for c in batch.channels]
-            found[batch.entries] = max(counts)
-        return found
+            most_blocks[batch.entries] = max(counts)
+        return most_blocks
 
     @cached_property
     def testable(self) -> BoolArray:
@@ -171,12 +171,12 @@ class Library:
         -------
         ndarray, shape (n, g k)
         """
-        kept = batch.sheets[channel].columns
-        if kept is not None:
+        stored_columns = batch.sheets[channel].columns
+        if stored_columns is not None:
             if chosen is None:
-                return kept
-            by_entry = kept.reshape(len(kept), len(batch.entries), batch.size)
-            return by_entry[:, chosen].reshape(len(kept), -1)
+                return stored_columns
+            by_entry = stored_columns.reshape(len(stored_columns), len(batch.entries), batch.size)
+            return by_entry[:, chosen].reshape(len(stored_columns), -1)
         wanted = batch.entries if chosen is None else [batch.entries[i] for i in chosen]
         return np.hstack([self.term(entry).columns[channel] for entry in wanted])
 
@@ -198,14 +198,14 @@ class Library:
         for batch in self.batches:
             at = [i for i, entry in enumerate(batch.entries) if wanted[entry]]
             if at:
-                own = replace(batch, entries=[batch.entries[i] for i in at], sheets={})
-                builder.add_batch(own, {c: self.columns(batch, c, at) for c in batch.channels})
+                emptied = replace(batch, entries=[batch.entries[i] for i in at], sheets={})
+                builder.add_batch(emptied, {c: self.columns(batch, c, at) for c in batch.channels})
         return taken
 
     def term(self, entry: int) -> Term:
         """Evaluate one entry."""
-        one = self.entries[entry]
-        return self.problem.term(self.candidates[one.candidate], one.theta)
+        chosen = self.entries[entry]
+        return self.problem.term(self.candidates[chosen.candidate], chosen.theta)
 
 
 def read_library(
@@ -240,7 +240,7 @@ def read_library(
         for n, candidate in enumerate(candidates)
         for theta in candidate.thetas
     )
-    for layout, alike in groupby(every, key=lambda one: _laid_out_by(one[1])):
+    for layout, alike in groupby(every, key=lambda item: _laid_out_by(item[1])):
         while some := list(islice(alike, 1 if isinstance(layout, str) else together)):
             step(some[0][0] / len(candidates))
             builder.add(some, problem.side_by_side([(c, theta) for _, c, theta in some]))
@@ -302,10 +302,10 @@ class _BatchBuilder:
             room = limit - self.waiting_count[key]
             at = (starts[:room, None] + np.arange(size)).ravel()
             # Copies: what waits must not keep alive all that was laid out with it.
-            own = {c: columns[c].T[at].T for c in channels}
-            self.waiting[key].append((entries[:room].tolist(), own))
+            by_channel = {c: columns[c].T[at].T for c in channels}
+            self.waiting[key].append((entries[:room].tolist(), by_channel))
             self.waiting_count[key] += len(entries[:room])
-            self.waiting_bytes[key] += sum(one.nbytes for one in own.values())
+            self.waiting_bytes[key] += sum(column.nbytes for column in by_channel.values())
             if self.waiting_count[key] == limit:
                 self._add_batch(key)
             while self.waiting_bytes.total() > WAITING_BYTES:
@@ -325,16 +325,16 @@ class _BatchBuilder:
         batch = Batch(
             channels, size, generic, [entry for entries, _ in waiting for entry in entries]
         )
-        self.add_batch(batch, {c: np.hstack([own[c] for _, own in waiting]) for c in channels})
+        self.add_batch(batch, {c: np.hstack([parts[c] for _, parts in waiting]) for c in channels})
 
     def add_batch(self, batch: Batch, columns: Mapping[int, FloatArray]) -> None:
         """Gather a batch's products, of its columns in each channel, shape (n, g k)."""
-        for number, own in columns.items():
-            keep = self.kept_bytes + own.nbytes <= KEPT_BYTES
+        for number, column in columns.items():
+            keep = self.kept_bytes + column.nbytes <= KEPT_BYTES
             fixed = self.library.problem.fixed[number]
-            sheet = _sheet(fixed, own, batch.size, self.draws, keep, self.by_cell)
+            sheet = _sheet(fixed, column, batch.size, self.draws, keep, self.by_cell)
             batch.sheets[number] = sheet
-            self.kept_bytes += own.nbytes if keep else 0
+            self.kept_bytes += column.nbytes if keep else 0
             self.product_bytes += sheet.bytes_of_products
         self.library.batches.append(batch)
         self._expect_to_fit()
@@ -360,10 +360,10 @@ def _sheet(
     channel = fixed.channel
     none = np.zeros((columns.shape[1], 0), dtype=np.float32)
     noise = draws.products(fixed, columns) if draws else none
-    own: FloatArray = blocks(columns, size)[None]
+    products: FloatArray = blocks(columns, size)[None]
     if by_cell:
-        own = np.zeros((fixed.cells, *own.shape[1:]))
+        products = np.zeros((fixed.cells, *products.shape[1:]))
         for cell, part in channel.parts:
-            own[cell] = blocks(columns[part], size)
+            products[cell] = blocks(columns[part], size)
     moments = moments_of(channel, columns, fixed.cells if by_cell else None)
-    return Sheet(own, moments, noise, columns if keep else None)
+    return Sheet(products, moments, noise, columns if keep else None)

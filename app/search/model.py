@@ -45,8 +45,8 @@ class Model:
     @cached_property
     def _fitted(self) -> FloatArray:
         """Columns of maps and of given terms, shape (n, p)."""
-        maps, given = self._channel.nuisance, self.state.given
-        return maps if given is None else np.hstack([maps, given.columns])
+        maps, fitted_before = self._channel.nuisance, self.state.given
+        return maps if fitted_before is None else np.hstack([maps, fitted_before.columns])
 
     def product(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Give A'V⁻¹B of columns A, shape (n, m), and B, shape (n, k); shape (m, k)."""
@@ -76,13 +76,13 @@ class Model:
         solved = solve_triangular(self._level.root[0], self._fitted.T, lower=True)
         return np.asarray(np.sum(solved**2, axis=0))
 
-    def product_of_held_out(self, columns: FloatArray, held: BoolArray) -> FloatArray:
+    def product_of_held_out(self, columns: FloatArray, held_out: BoolArray) -> FloatArray:
         """Give A'Ω⁻¹A over rows that take no part, whose covariance is Ω once these are known.
 
         Parameters
         ----------
         columns : ndarray, shape (n, m)
-        held : ndarray, shape (cells,)
+        held_out : ndarray, shape (cells,)
             In which cells those rows are.
 
         Returns
@@ -90,13 +90,13 @@ class Model:
         ndarray, shape (m, m)
         """
         channel, m = self._channel, columns.shape[1]
-        blocks = held[channel.cells]
+        blocks = held_out[channel.cells]
         every = np.hstack([columns, self._fitted])
         turned = channel.whitening(np.array([self.number]), blocks).turn(
             channel.reduce(every)[blocks]
         )[0]
-        own = every[blocks[channel.block]]
-        inner = own.T @ own - turned.T @ turned
+        held_blocks = every[blocks[channel.block]]
+        inner = held_blocks.T @ held_blocks - turned.T @ turned
         if inner.shape[0] == m:
             return np.asarray(inner)
         # Woodbury: rows that teach and rows that are held out know of maps and terms together.
@@ -108,5 +108,5 @@ class Model:
         state, channel = self.state, self._channel
         with_fitted = channel.by_cell(self._fitted, columns, state.fixed.cells)[state.cells]
         reduced = channel.reduce(columns)[state.blocks]
-        found: FloatArray = self._level.shadow(with_fitted.sum(axis=0), reduced)[0]
-        return found
+        shadow: FloatArray = self._level.shadow(with_fitted.sum(axis=0), reduced)[0]
+        return shadow

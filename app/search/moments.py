@@ -72,8 +72,8 @@ def fixed_of(channel: Channel, cells: int) -> Fixed:
     """Multiply what no candidate changes with itself."""
     both = moments_of(channel, channel.given, cells)
     nuisance, values = (
-        Moments(both.nuisance[:, own], both.values[:, own], both.reduced[..., own])
-        for own in (slice(-1), slice(-1, None))
+        Moments(both.nuisance[:, chosen], both.values[:, chosen], both.reduced[..., chosen])
+        for chosen in (slice(-1), slice(-1, None))
     )
     return Fixed(channel, cells, nuisance, values, both.values[:, -1])
 
@@ -95,11 +95,11 @@ def blocks(columns: FloatArray, k: int) -> FloatArray:
     [[[1.0, 2.0], [2.0, 13.0]]]
     """
     width = columns.shape[-1]
-    found = np.empty((*columns.shape[:-2], width // k, k, k))
+    matrices = np.empty((*columns.shape[:-2], width // k, k, k))
     for apart in range(k):
         # All columns that are so far apart, also of two entries: memory is read as it lies.
         left, right = columns[..., : width - apart], columns[..., apart:]
         products = np.einsum("...ng,...ng->...g", left, right)
         for i in range(k - apart):
-            found[..., i, i + apart] = found[..., i + apart, i] = products[..., i::k]
-    return found
+            matrices[..., i, i + apart] = matrices[..., i + apart, i] = products[..., i::k]
+    return matrices

@@ -73,16 +73,16 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
         return [tuple(words) for words in said]
     problem = selector.library.problem
     library = read_library(problem, candidates, draws)
-    found = scan(library, selector.given(terms), draws, generic=True)
+    scanned = scan(library, selector.given(terms), draws, generic=True)
     entries = np.array([entry.candidate for entry in library.entries], dtype=np.intp)
     limit = threshold(
-        found,
+        scanned,
         entries,
         np.array(of_term, dtype=np.intp)[entries],
         selector.false_alarm,
         problem.has_expected_wander,
     )
-    surprising = (limit.excess(found) >= 0) & (found.rank > 0)
+    surprising = (limit.excess(scanned) >= 0) & (scanned.rank > 0)
     for i in np.flatnonzero(surprising).tolist():
         candidate = entries[i]
         said[of_term[candidate]].append(candidates[candidate].key.partition(": ")[2])
@@ -95,17 +95,17 @@ def _odd_wanderers(selector: Selector, terms: Sequence[Term]) -> set[int]:
     A channel that wanders alone has a cause of its own. Within one record, held-out stretches would
     confirm a term that only imitates part of that wander.
     """
-    found = set()
+    odd = set()
     for c, state in selector.given(terms).items():
         expected = state.fixed.channel.expected
         if expected is None:
             continue
         believed = np.log(expected)
-        own = state.null - believed
-        ratio = 2.0 * float(own.max() - (state.null - believed.max()).max())
+        wandering = state.null - believed
+        ratio = 2.0 * float(wandering.max() - (state.null - believed.max()).max())
         if ratio > STRONG:
-            found.add(c)
-    return found
+            odd.add(c)
+    return odd
 
 
 class _Beside(NamedTuple):
@@ -116,7 +116,7 @@ class _Beside(NamedTuple):
 
     terms: Sequence[Term]
     learned: Learned
-    left: dict[int, FloatArray]
+    residuals: dict[int, FloatArray]
     visit: dict[int, IntArray]
     is_free: dict[int, BoolArray]
 
@@ -125,21 +125,21 @@ class _Beside(NamedTuple):
         rows = selector.library.problem.rows
         learned = learn(selector.states, terms)
         channels = {c: state.fixed.channel for c, state in selector.states.items()}
-        visit = {c: rows.visit[one.rows] for c, one in channels.items()}
+        visit = {c: rows.visit[channel_.rows] for c, channel_ in channels.items()}
         free = {
             c: np.array(
-                [rows.datum.get((v, c), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in own.tolist()]
+                [rows.datum.get((v, c), Datum.ABSOLUTE) != Datum.ABSOLUTE for v in visits.tolist()]
             )
-            for c, own in visit.items()
+            for c, visits in visit.items()
         }
-        left = {c: one.values - learned.effect(c) for c, one in channels.items()}
-        return cls(terms, learned, left, visit, free)
+        residuals = {c: channel_.values - learned.effect(c) for c, channel_ in channels.items()}
+        return cls(terms, learned, residuals, visit, free)
 
     @property
     def seen(self) -> dict[int, FloatArray]:
         """What set-ups show of the channels whose every zero is known."""
         return {
-            c: set_ups_seen(self.left[c], self.visit[c])
+            c: set_ups_seen(self.residuals[c], self.visit[c])
             for c, free in self.is_free.items()
             if not free.any()
         }
@@ -160,16 +160,16 @@ def _walking(beside: _Beside) -> list[int]:
     trending = [n for n, t in enumerate(beside.terms) if t.origin is None and t.candidate.trending]
     if not trending:
         return []
-    seen = {c: walk_seen(left, beside.visit[c]) for c, left in beside.left.items()}
-    found = []
+    seen = {c: walk_seen(residuals, beside.visit[c]) for c, residuals in beside.residuals.items()}
+    walking = []
     for number in trending:
         judged = []
-        for c, own in beside.explained(number).items():
+        for c, part in beside.explained(number).items():
             others = [w for other, w in seen.items() if other != c and w is not None]
-            judged.append(may_be_walk(beside.left[c] + own, own, beside.visit[c], others))
+            judged.append(may_be_walk(beside.residuals[c] + part, part, beside.visit[c], others))
         if True in judged and False not in judged:
-            found.append(number)
-    return found
+            walking.append(number)
+    return walking
 
 
 def set_ups_alike(selector: Selector, terms: Sequence[Term]) -> Alike:
@@ -183,28 +183,28 @@ def _alike(selector: Selector, beside: _Beside) -> list[int]:
     if not standing:
         return []
     tilt, seen = selector.library.problem.rows.tilt, beside.seen
-    found = []
+    alike = []
     for number in standing:
         term = beside.terms[number]
         evidence = [
             evidence_beside_alike(
-                beside.left[c],
-                own,
+                beside.residuals[c],
+                part,
                 tilt[selector.states[c].fixed.channel.rows],
                 beside.visit[c],
                 beside.is_free[c],
-                [told for other, told in seen.items() if other != c],
+                [likelihood for other, likelihood in seen.items() if other != c],
             )
-            for c, own in beside.explained(number).items()
+            for c, part in beside.explained(number).items()
         ]
-        known = [one for one in evidence if one is not None]
+        certain = [value for value in evidence if value is not None]
         setups = max(np.unique(beside.visit[c]).size for c in term.columns)
         # What all set-ups have in common is one number, known by as many values as there are
         # set-ups.
         cost = selector.odds_of_family(term) + np.log(setups)
-        if known and sum(known) < cost:
-            found.append(number)
-    return found
+        if certain and sum(certain) < cost:
+            alike.append(number)
+    return alike
 
 
 def offset_of(selector: Selector, term: Term) -> Term | None:
@@ -226,27 +226,27 @@ def _unlike(problem: Problem, term: Term, parts: Sequence[Part]) -> Sequence[Par
     """
     if len(term.columns) == 1:
         return parts
-    own = term.candidate.columns(term.theta)
+    parts_of_term = term.candidate.columns(term.theta)
     used = problem.place >= 0
     weights = np.zeros(len(problem.place))
     for c, fixed in problem.fixed.items():
         weights[used & (problem.rows.channel == c)] = 1.0 / fixed.channel.scale
-    itself, version = (_over_all_rows(each, len(weights)) for each in (own, parts))
+    itself, version = (_over_all_rows(each, len(weights)) for each in (parts_of_term, parts))
     weighted = weights[:, None] * itself
     shares = np.linalg.lstsq(weighted, weights[:, None] * version, rcond=None)[0]
-    left = version - itself @ shares
-    size, before = (np.linalg.norm(weights[:, None] * each, axis=0) for each in (left, version))
-    left = left[:, size > SAME * before]
+    residual = version - itself @ shares
+    size, before = (np.linalg.norm(weights[:, None] * each, axis=0) for each in (residual, version))
+    residual = residual[:, size > SAME * before]
     rows = {c: np.flatnonzero(problem.rows.channel == c) for c in term.columns}
-    return [Part(c, here, left[here]) for c, here in rows.items() if left.shape[1]]
+    return [Part(c, here, residual[here]) for c, here in rows.items() if residual.shape[1]]
 
 
 def _over_all_rows(parts: Sequence[Part], count: int) -> FloatArray:
     """Lay parts out over all rows, shape (n, k)."""
-    found: FloatArray = np.zeros((count, parts[0].columns.shape[1] if parts else 0))
+    matrix: FloatArray = np.zeros((count, parts[0].columns.shape[1] if parts else 0))
     for part in parts:
-        found[part.rows] += part.columns
-    return found
+        matrix[part.rows] += part.columns
+    return matrix
 
 
 def _candidate(key: str, parts: Sequence[Part]) -> Candidate:

@@ -67,16 +67,20 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
     if declared is not None and not _is_denied(declared, variance, freedom):
         return Repeatability(declared, noise.origin, DECLARED_WEIGHT)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
-        shown = _pooled_with_alike(rows, channel, use, variance, freedom)
-        return at_least_rounding(rows, channel, shown)
-    shown = Repeatability(_within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT)
-    return at_least_rounding(rows, channel, shown)
+        pooled_scatter = _pooled_with_alike(rows, channel, use, variance, freedom)
+        return at_least_rounding(rows, channel, pooled_scatter)
+    pooled_scatter = Repeatability(
+        _within_visits(rows, channel, use), "residuals", ESTIMATED_WEIGHT
+    )
+    return at_least_rounding(rows, channel, pooled_scatter)
 
 
-def at_least_rounding(rows: Rows, channel: int, shown: Repeatability) -> Repeatability:
+def at_least_rounding(rows: Rows, channel: int, estimate: Repeatability) -> Repeatability:
     """Let a channel scatter by no less than the steps in which it is read."""
     least = rows.noise.get(channel, DeclaredNoise()).rounding
-    return shown if shown.value >= least else Repeatability(least, "rounding", DECLARED_WEIGHT)
+    return (
+        estimate if estimate.value >= least else Repeatability(least, "rounding", DECLARED_WEIGHT)
+    )
 
 
 def _is_denied(declared: float, variance: float, freedom: int) -> bool:
@@ -112,11 +116,11 @@ def shows_scatter(rows: Rows, channel: int, use: BoolArray) -> bool:
     """
     mine = use & (rows.channel == channel)
     for visit in np.unique(rows.visit[mine]):
-        own = mine & (rows.visit == visit)
-        shapes = np.column_stack([np.ones(int(own.sum())), rows.tilt[own]])
-        coefficients, _, rank, _ = np.linalg.lstsq(shapes, rows.values[own], rcond=None)
-        left = rows.values[own] - shapes @ coefficients
-        if rank < len(left) and rms(left) > NOTHING_LEFT * rms(rows.values[own]):
+        of_visit = mine & (rows.visit == visit)
+        shapes = np.column_stack([np.ones(int(of_visit.sum())), rows.tilt[of_visit]])
+        coefficients, _, rank, _ = np.linalg.lstsq(shapes, rows.values[of_visit], rcond=None)
+        residuals = rows.values[of_visit] - shapes @ coefficients
+        if rank < len(residuals) and rms(residuals) > NOTHING_LEFT * rms(rows.values[of_visit]):
             return True
     return False
 
@@ -159,9 +163,9 @@ def pure_error(rows: Rows, channel: int, use: BoolArray) -> tuple[float, int]:
     # One number for each pair: pairs themselves are sorted many times slower.
     pair = rows.visit[mine] * (1 + int(rows.replicate.max())) + rows.replicate[mine]
     _, group = np.unique(pair, return_inverse=True)
-    left = deviations(rows.values[mine], group)
+    residuals = deviations(rows.values[mine], group)
     freedom = int(mine.sum() - (group.max() + 1))
-    return (float(np.sum(left**2)) / freedom if freedom else 0.0), freedom
+    return (float(np.sum(residuals**2)) / freedom if freedom else 0.0), freedom
 
 
 def deviations(values: FloatArray, group: IntArray) -> FloatArray:
@@ -190,6 +194,6 @@ def _within_visits(rows: Rows, channel: int, use: BoolArray) -> float:
     """Take a first guess, robustly; the fit of the maps refines it."""
     mine = use & (rows.channel == channel)
     _, group = np.unique(rows.visit[mine], return_inverse=True)
-    left = deviations(rows.values[mine], group.ravel())
-    guess = robust_sd(left)
-    return guess or rms(left) or rms(rows.values[mine]) or 1.0
+    residuals = deviations(rows.values[mine], group.ravel())
+    guess = robust_sd(residuals)
+    return guess or rms(residuals) or rms(rows.values[mine]) or 1.0

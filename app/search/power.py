@@ -122,8 +122,8 @@ class DrawnNoise:
         """
         log = self.state.log_likelihoods(self.squares[:, None] + added)
         weights = np.exp(log - log.max(axis=0))
-        found: FloatArray = (weights / weights.sum(axis=0)).mean(axis=2)
-        return found
+        mean: FloatArray = (weights / weights.sum(axis=0)).mean(axis=2)
+        return mean
 
     def ratio_of_noise(self, shares: FloatArray) -> FloatArray | None:
         """Say how large a likelihood ratio noise has on average, by the set that it comes from.
@@ -143,25 +143,25 @@ class DrawnNoise:
         count = self.of_levels.shape[1]
         by_chance = chdtri(1, (np.arange(count) + 0.5) / count)
         by_chance /= by_chance.mean()
-        own = np.maximum(shares, NOTHING_SEEN)
-        found = np.empty(shares.shape)
+        positive = np.maximum(shares, NOTHING_SEEN)
+        ratios = np.empty(shares.shape)
         for level, squares in enumerate(self.of_levels):
             # By chance an entry takes χ²₁ of the squares where the noise comes from this set, and
             # of what other sets leave in proportion.
-            added = (own / own[level])[:, :, None] * by_chance
-            left = squares.T[:, None]
-            rise = self.state.largest(left) - self.state.largest(left + added)
-            found[level] = 2.0 * rise.mean(axis=1)
-        return found
+            added = (positive / positive[level])[:, :, None] * by_chance
+            rss = squares.T[:, None]
+            rise = self.state.largest(rss) - self.state.largest(rss + added)
+            ratios[level] = 2.0 * rise.mean(axis=1)
+        return ratios
 
 
 def _squares(state: State, response: DrawnMoments) -> FloatArray:
     """Give what each set of visit variances leaves of draws, shape (L, m)."""
-    found = np.empty((len(state.rss), len(response.square)))
+    rss = np.empty((len(state.rss), len(response.square)))
     for some in state.levels:
         shadow = some.shadow(response.with_nuisance, response.reduced)
-        found[some.which] = response.square - np.sum(shadow**2, axis=1)
-    return found
+        rss[some.which] = response.square - np.sum(shadow**2, axis=1)
+    return rss
 
 
 def _of_levels(state: State, seed: int) -> FloatArray | None:
@@ -178,13 +178,13 @@ def as_assumed(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
 
     Nothing need have been measured: their values are not to be looked at.
     """
-    found = {}
+    assumed = {}
     for c, state in states.items():
-        one = State(state.fixed, state.cells)
+        assumed_state = State(state.fixed, state.cells)
         level = np.full(draws.count, state.fixed.channel.assumed, dtype=np.intp)
-        one.rss = _squares(state, draws.response_at(state, level)).mean(axis=1)
-        found[c] = one
-    return found
+        assumed_state.rss = _squares(state, draws.response_at(state, level)).mean(axis=1)
+        assumed[c] = assumed_state
+    return assumed
 
 
 def drawn_noise(states: Mapping[int, State], draws: Draws) -> dict[int, DrawnNoise]:
@@ -218,29 +218,29 @@ def noncentralities(
     """
     batches = base.library.batches
     first = batches[parts[0][0]]
-    own = np.array([batches[number].entries[i] for number, places in parts for i in places])
+    entries = np.array([batches[number].entries[i] for number, places in parts for i in places])
     grams = {
         c: np.concatenate([base.of(number, c).gram[:, list(at)] for number, at in parts], axis=1)
         for c in first.channels
     }
-    found = np.empty(len(own))
+    sizes = np.empty(len(entries))
     sets = max(len(noise[c].state.rss) for c in first.channels)
     step = max(1, AT_ONCE // (sets * DRAWN))
-    for begin in range(0, len(own), step):
+    for begin in range(0, len(entries), step):
         some = slice(begin, begin + step)
-        chosen = own[some]
-        asked = _Asked(
+        chosen = entries[some]
+        wanted = _Wanted(
             chdtri(first.size, np.power(10.0, -limit.surprise[chosen])),
             limit.bartlett[chosen],
             cost[chosen],
         )
         shares = {c: gram[:, some] for c, gram in grams.items()}
-        found[some] = _Visible.of(shares, noise).needed(asked)
-    return found
+        sizes[some] = _Visible.of(shares, noise).needed(wanted)
+    return sizes
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Wanted:
     """What likelihood ratios must exceed, each of shape (g,)."""
 
     limit: FloatArray
@@ -280,72 +280,72 @@ class _Visible:
         back = inverse(total)
         size = total.shape[-1]
         shares = {c: np.einsum("gij,lgji->lg", back, gram) / size for c, gram in grams.items()}
-        return cls({c: np.maximum(own, 0.0) for c, own in shares.items()}, noise)
+        return cls({c: np.maximum(share, 0.0) for c, share in shares.items()}, noise)
 
-    def needed(self, asked: _Asked) -> FloatArray:
+    def needed(self, targets: _Wanted) -> FloatArray:
         """Give the noncentralities that are found nine times in ten, shape (g,)."""
-        larger = np.ones(len(asked.limit))
-        asked_for = asked.ratio(larger)
+        larger = np.ones(len(targets.limit))
+        asked_for = targets.ratio(larger)
         start = np.repeat(asked_for[:, None], self._draws, axis=1)
         passes = self._passing(asked_for, start, STEPS)
-        tables = {c: self.noise[c].ratio_of_noise(own) for c, own in self.shares.items()}
+        tables = {c: self.noise[c].ratio_of_noise(share) for c, share in self.shares.items()}
         for _ in range(ROUNDS):
             larger = self._larger(passes, tables)
-            passes = self._passing(asked.ratio(larger), passes, STEPS // 2)
+            passes = self._passing(targets.ratio(larger), passes, STEPS // 2)
         return self._nine_in_ten(passes)
 
     def ratio(self, size: FloatArray) -> FloatArray:
         """Give the likelihood ratios of effects of some noncentralities, shape (g, m)."""
-        found = np.zeros(size.shape)
-        for c, own in self.shares.items():
-            found += self.noise[c].risen(own[:, :, None] * size)
-        return found
+        ratios = np.zeros(size.shape)
+        for c, share in self.shares.items():
+            ratios += self.noise[c].risen(share[:, :, None] * size)
+        return ratios
 
-    def _passing(self, asked: FloatArray, start: FloatArray, steps: int) -> FloatArray:
+    def _passing(self, wanted: FloatArray, start: FloatArray, steps: int) -> FloatArray:
         """Find the noncentrality at which each draw passes, shape (g, m): the secant method.
 
         The ratio grows about as a power of the noncentrality: logarithms make that a line.
         """
         at = np.log(start)
-        off = self._off(at, asked)
+        off = self._off(at, wanted)
         slope = np.ones(at.shape)
         for _ in range(steps):
             step = np.clip(-off / slope, -FARTHEST, FARTHEST)
             after = np.clip(at + step, 0.0, np.log(LARGEST))
-            left = self._off(after, asked)
+            off_after = self._off(after, wanted)
             moved = after - at
-            known = np.abs(moved) > 1e-9
-            slope = np.where(known, (left - off) / np.where(known, moved, 1.0), slope)
+            has_moved = np.abs(moved) > 1e-9
+            slope = np.where(has_moved, (off_after - off) / np.where(has_moved, moved, 1.0), slope)
             slope = np.clip(slope, *STEEPNESS)
-            at, off = after, left
+            at, off = after, off_after
         return np.asarray(np.exp(at))
 
-    def _off(self, log_size: FloatArray, asked: FloatArray) -> FloatArray:
+    def _off(self, log_size: FloatArray, wanted: FloatArray) -> FloatArray:
         """Say how far the ratios are above what is asked, as a logarithm, shape (g, m)."""
         ratio = np.maximum(self.ratio(np.exp(log_size)), np.finfo(float).tiny)
-        return np.asarray(np.log(ratio) - np.log(asked)[:, None])
+        return np.asarray(np.log(ratio) - np.log(wanted)[:, None])
 
     def _larger(self, passes: FloatArray, tables: Mapping[int, FloatArray | None]) -> FloatArray:
         """Say how much larger noise's ratios are where the null model takes the effect up."""
-        found, weight = np.zeros(len(passes)), np.zeros(len(passes))
-        for c, own in self.shares.items():
+        total, weight = np.zeros(len(passes)), np.zeros(len(passes))
+        for c, share in self.shares.items():
             table, noise = tables[c], self.noise[c]
             if table is None:
                 change = np.ones(len(passes))
             else:
-                nothing = noise.believed(np.zeros((*own.shape, 1)))
-                beside = noise.believed(own[:, :, None] * passes)
+                nothing = noise.believed(np.zeros((*share.shape, 1)))
+                beside = noise.believed(share[:, :, None] * passes)
                 change = np.sum(beside * table, axis=0) / np.sum(nothing * table, axis=0)
-            part = own.max(axis=0)
-            found, weight = found + part * change, weight + part
-        return np.asarray(np.where(weight > 0.0, found / np.maximum(weight, 1e-300), 1.0))
+            part = share.max(axis=0)
+            total, weight = total + part * change, weight + part
+        return np.asarray(np.where(weight > 0.0, total / np.maximum(weight, 1e-300), 1.0))
 
     def _nine_in_ten(self, passes: FloatArray) -> FloatArray:
         """Find the size that passes in nine of ten draws, its own error included, shape (g,)."""
         precision = np.zeros(passes.shape)
-        for c, own in self.shares.items():
+        for c, share in self.shares.items():
             noise = self.noise[c]
-            precision += own[noise.level].T / noise.variance
+            precision += share[noise.level].T / noise.variance
         sharp, at = np.sqrt(np.maximum(precision, 0.0)), np.sqrt(passes)
         low, high = np.zeros(len(passes)), np.full(len(passes), np.sqrt(LARGEST))
         for _ in range(HALVINGS):

@@ -102,7 +102,7 @@ class Problem:
     @property
     def has_expected_wander(self) -> bool:
         """Whether channels say of each other how they wander."""
-        return any(one.channel.expected is not None for one in self.fixed.values())
+        return any(fixed.channel.expected is not None for fixed in self.fixed.values())
 
     @property
     def count(self) -> int:
@@ -143,8 +143,8 @@ class Problem:
             columns, sizes = self._columns(candidate, candidate.columns(theta)), None
         else:
             each = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
-            sizes = [len(own) for own in each]
-            parts = layout.parts([amplitude for own in each for amplitude in own])
+            sizes = [len(amplitudes) for amplitudes in each]
+            parts = layout.parts([amplitude for amplitudes in each for amplitude in amplitudes])
             columns = self._columns(wanted[0][0], parts)
         squares = self._squares(columns)
         ends = np.cumsum(sizes or [_width(columns)])
@@ -153,8 +153,8 @@ class Problem:
         starts = np.append(0, ends[:-1])
         # A candidate that is laid out with others may leave channels alone in which these show.
         shows = [
-            np.ones(1, dtype=np.bool_) if layout is None else np.add.reduceat(own, starts) > 0.0
-            for own in squares.values()
+            np.ones(1, dtype=np.bool_) if layout is None else np.add.reduceat(square, starts) > 0.0
+            for square in squares.values()
         ]
         return SideBySide(
             columns, norms, starts, ends, np.array(shows, dtype=np.bool_).reshape(-1, len(ends))
@@ -166,9 +166,9 @@ class Problem:
         for part in parts:
             if part.channel not in self.fixed:
                 continue
-            own, known = self._laid_out(candidate, part), columns.get(part.channel)
-            columns[part.channel] = own if known is None else known + own
-        sizes = {own.shape[1] for own in columns.values()}
+            laid_out, before = self._laid_out(candidate, part), columns.get(part.channel)
+            columns[part.channel] = laid_out if before is None else before + laid_out
+        sizes = {column.shape[1] for column in columns.values()}
         if len(sizes) > 1:
             raise InvalidContent.of_field(
                 candidate.key, f"expected equally many columns in all channels, got {sorted(sizes)}"
@@ -178,13 +178,16 @@ class Problem:
     def _squares(self, columns: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
         """Give the columns' sums of squares in each channel, in its repeatabilities."""
         scales = {c: self.fixed[c].channel.scale for c in columns}
-        return {c: np.einsum("nk,nk->k", own, own) / scales[c] ** 2 for c, own in columns.items()}
+        return {
+            c: np.einsum("nk,nk->k", column, column) / scales[c] ** 2
+            for c, column in columns.items()
+        }
 
     def _divide(self, columns: Mapping[int, FloatArray], norms: FloatArray) -> None:
         """Bring columns to repeatabilities and to unit length, where they stand."""
         safe = np.where(norms > 0, norms, 1.0)
-        for number, own in columns.items():
-            own /= self.fixed[number].channel.scale * safe
+        for number, column in columns.items():
+            column /= self.fixed[number].channel.scale * safe
 
     def _laid_out(self, candidate: Candidate, part: Part) -> FloatArray:
         """Put a part's rows where they stand in its channel; most parts have the same rows."""
@@ -204,10 +207,10 @@ class Problem:
             raise InvalidContent.of_field(
                 candidate.key, f"expected rows of channel {part.channel}, got rows of others"
             )
-        found = np.full(len(self.fixed[part.channel].channel.rows), len(part.rows), dtype=np.intp)
+        origin = np.full(len(self.fixed[part.channel].channel.rows), len(part.rows), dtype=np.intp)
         here = self.place[part.rows]
-        found[here[here >= 0]] = np.flatnonzero(here >= 0)
-        return found
+        origin[here[here >= 0]] = np.flatnonzero(here >= 0)
+        return origin
 
 
 def make_problem(
@@ -242,38 +245,38 @@ def with_expected_wander(problem: Problem) -> Problem:
     """
     fixed, everything = problem.fixed, np.ones(problem.cells, dtype=np.bool_)
     believed: dict[int, FloatArray] = {}
-    for number, one in fixed.items():
-        if one.channel.blocks.may_wander:
-            null = State(one, everything).null
+    for number, fixed_ in fixed.items():
+        if fixed_.channel.blocks.may_wander:
+            null = State(fixed_, everything).null
             weights = np.exp(null - null.max())
             believed[number] = weights / weights.sum()
-    found = dict(fixed)
-    for number, own in believed.items():
-        others = [b for n, b in believed.items() if n != number and len(b) == len(own)]
+    informed_fixed = dict(fixed)
+    for number, belief in believed.items():
+        others = [b for n, b in believed.items() if n != number and len(b) == len(belief)]
         if len(others) >= FEWEST_OTHERS:
-            expected = expected_beside(others, np.full(len(own), 1.0 / len(own)))
+            expected = expected_beside(others, np.full(len(belief), 1.0 / len(belief)))
             informed = replace(fixed[number].channel, expected=expected)
-            found[number] = replace(fixed[number], channel=informed)
-    return replace(problem, fixed=found)
+            informed_fixed[number] = replace(fixed[number], channel=informed)
+    return replace(problem, fixed=informed_fixed)
 
 
 def prepared(
     rows: Rows, nuisance: Sequence[Nuisance], number: int, use: BoolArray, cell_of: dict[int, int]
 ) -> Channel:
     """Scale by the repeatability; one that is only guessed is guessed again from the fit."""
-    known = repeatability(rows, number, use)
-    channel = prepare(rows, nuisance, number, known.value, known.weight, use, cell_of)
-    if known.origin != "residuals":
+    estimate = repeatability(rows, number, use)
+    channel = prepare(rows, nuisance, number, estimate.value, estimate.weight, use, cell_of)
+    if estimate.origin != "residuals":
         return channel
     state = State(
         fixed_of(channel, 1 + max(cell_of.values())), np.ones(1 + max(cell_of.values()), bool)
     )
     best = int(np.argmax(state.null))
-    value = known.value * float(np.sqrt(state.scatter(state.rss[best])))
-    least = at_least_rounding(rows, number, known._replace(value=value))
+    value = estimate.value * float(np.sqrt(state.scatter(state.rss[best])))
+    least = at_least_rounding(rows, number, estimate._replace(value=value))
     return prepare(rows, nuisance, number, least.value, least.weight, use, cell_of)
 
 
 def _width(columns: Mapping[int, FloatArray]) -> int:
     """Say how many columns there are; one where no channel has any."""
-    return next((own.shape[1] for own in columns.values()), 1)
+    return next((column.shape[1] for column in columns.values()), 1)

@@ -74,17 +74,17 @@ def _laid_out(
     problem: Problem, states: Mapping[int, State], term: Term, others: Sequence[Term]
 ) -> Term:
     """Lay a term out about its amplitude for as long as that makes it more likely."""
-    fit, found = fit_terms(states, [*others, term]), term
+    fit, laid_out = fit_terms(states, [*others, term]), term
     for _ in range(MOST_STEPS):
-        size = float(fit.amplitudes[-1]) / max(float(found.norms[0]), np.finfo(float).tiny)
-        if abs(size - (found.about or 0.0)) <= SETTLED * abs(size):
+        size = float(fit.amplitudes[-1]) / max(float(laid_out.norms[0]), np.finfo(float).tiny)
+        if abs(size - (laid_out.about or 0.0)) <= SETTLED * abs(size):
             break
-        about = problem.term(term.candidate, found.theta, size)
+        about = problem.term(term.candidate, laid_out.theta, size)
         better = fit_terms(states, [*others, about])
         if better.log_likelihood <= fit.log_likelihood:
             break
-        fit, found = better, about
-    return replace(found, origin=term.origin, theta_error=term.theta_error)
+        fit, laid_out = better, about
+    return replace(laid_out, origin=term.origin, theta_error=term.theta_error)
 
 
 def _moved(
@@ -108,8 +108,8 @@ def _moved(
     # A bounded search never looks at its start: where the likelihood has steps it may end lower.
     start = search.inside(theta)
     place = float(best.x) if float(best.fun) <= search.loss(start) else start
-    found = replace(search.term(place), origin=term.origin)
-    return replace(found, theta_error=search.error(place, high - low)) if errors else found
+    moved = replace(search.term(place), origin=term.origin)
+    return replace(moved, theta_error=search.error(place, high - low)) if errors else moved
 
 
 class _Search:
@@ -170,8 +170,8 @@ class _Search:
             _width(lambda x: self.loss(x) - bottom, place, side, stretch, (low, high))
             for side in (-1.0, 1.0)
         ]
-        known = [w for w in widths if np.isfinite(w)]
-        width = float(np.mean(known)) if known else float("inf")
+        finite = [w for w in widths if np.isfinite(w)]
+        width = float(np.mean(finite)) if finite else float("inf")
         near = width * float(np.exp(place)) if self.candidate.log_scale else width
         return max(near, self._reach(place, bottom) / INTERVAL)
 

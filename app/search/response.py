@@ -305,8 +305,8 @@ class Response:
         alone = [np.sqrt(((self.columns @ g.as_large_as) ** 2).sum(1).mean()) for g in self.groups]
         return np.array(
             [
-                size / max(float(one), 1e-9) if group.unit is None else group.unit
-                for group, one in zip(self.groups, alone, strict=True)
+                size / max(float(largest_swing), 1e-9) if group.unit is None else group.unit
+                for group, largest_swing in zip(self.groups, alone, strict=True)
             ]
         )
 

@@ -37,26 +37,30 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
         selector.beside(others), selector.scan(others).ratio - selector.penalty, -np.inf
     )
     base = selector.fit(others).log_likelihood
-    own = selector.evidence(term, others, base)
+    term_evidence = selector.evidence(term, others, base)
     level = selector.fit([*others, term]).log_likelihood
-    found = []
-    for candidate in _candidates(selector, term, score, own):
+    rivals = []
+    for candidate in _candidates(selector, term, score, term_evidence):
         rival = selector.library.term(candidate)
         # Of an expected amplitude the scan says at most too much.
-        hidden = GRID_MARGIN + (0.0 if rival.candidate.expected else GRID_SHARE * abs(own))
-        if score[candidate] > own - hidden:
+        hidden = GRID_MARGIN + (
+            0.0 if rival.candidate.expected else GRID_SHARE * abs(term_evidence)
+        )
+        if score[candidate] > term_evidence - hidden:
             rival = selector.refined(rival, others)
-        behind = own - selector.evidence(rival, others, base)
+        behind = term_evidence - selector.evidence(rival, others, base)
         share = alias_share(selector, term, rival, others)
-        told = _rival(rival, behind, share)
-        if not told.tied and share > SAME_SIGNAL and _may_both_be_zeros(term, rival):
+        described = _rival(rival, behind, share)
+        if not described.tied and share > SAME_SIGNAL and _may_both_be_zeros(term, rival):
             unlike = 2.0 * (level - selector.fit([*others, rival]).log_likelihood)
-            told = replace(told, tied=unlike < STRONG)
-        found.append((told, rival))
-    found = _with_offset(selector, term, others, own, found) + _forms(selector, term, others)
+            described = replace(described, tied=unlike < STRONG)
+        rivals.append((described, rival))
+    rivals = _with_offset(selector, term, others, term_evidence, rivals) + _forms(
+        selector, term, others
+    )
     same = term.candidate.family
-    kept = [f for f in _best_of_families(found) if f[0].tied or f[0].family != same]
-    return sorted(kept, key=lambda f: f[0].behind)
+    of_other_families = [f for f in _best_of_families(rivals) if f[0].tied or f[0].family != same]
+    return sorted(of_other_families, key=lambda f: f[0].behind)
 
 
 def find_all_rivals(
@@ -72,30 +76,30 @@ def find_all_rivals(
     terms, rivals
         The terms that are stated, and each one's rivals; of known terms none.
     """
-    stated, rivals = list(terms), []
+    terms_named, rivals = list(terms), []
     for i, term in enumerate(terms):
-        found = [] if term.origin is not None else find_rivals(selector, stated, i)
+        pairs = [] if term.origin is not None else find_rivals(selector, terms_named, i)
         plainer = [
             t
-            for rival, t in found
+            for rival, t in pairs
             if rival.tied and rival.alias_share > SAME_SIGNAL and claims_less(t, term)
         ]
         if plainer:
-            others = stated[:i] + stated[i + 1 :]
+            others = terms_named[:i] + terms_named[i + 1 :]
             problem, states = selector.library.problem, selector.states
-            stated[i] = refine(problem, states, plainer[0], others, errors=True)
-            found = find_rivals(selector, stated, i)
-        rivals.append(found)
-    return stated, rivals
+            terms_named[i] = refine(problem, states, plainer[0], others, errors=True)
+            pairs = find_rivals(selector, terms_named, i)
+        rivals.append(pairs)
+    return terms_named, rivals
 
 
-def claims_less(one: Term, other: Term) -> bool:
+def claims_less(term: Term, other: Term) -> bool:
     """Whether a term stays as it was seen, where another that begins alike bends with temperature.
 
     Of two such in one channel.
     """
-    bends = other.candidate.about is not None and one.candidate.about is None
-    return bends and _may_both_be_zeros(one, other)
+    bends = other.candidate.about is not None and term.candidate.about is None
+    return bends and _may_both_be_zeros(term, other)
 
 
 def _may_both_be_zeros(term: Term, rival: Term) -> bool:
@@ -104,7 +108,9 @@ def _may_both_be_zeros(term: Term, rival: Term) -> bool:
     A component that moved once, as its sensor's bias would move it, did so by chance or because
     what moved it expands: that it takes one number less is no evidence of the sensor.
     """
-    return all(one.candidate.trending and not one.candidate.keeps_zero for one in (term, rival))
+    return all(
+        claim.candidate.trending and not claim.candidate.keeps_zero for claim in (term, rival)
+    )
 
 
 def better_forms(term: Term, rivals: Sequence[tuple[Rival, Term]]) -> tuple[str, ...]:
@@ -119,24 +125,26 @@ def better_forms(term: Term, rivals: Sequence[tuple[Rival, Term]]) -> tuple[str,
 
 def _forms(selector: Selector, term: Term, others: Sequence[Term]) -> list[tuple[Rival, Term]]:
     """Hold a term's other forms beside it; they have as many parameters as the term itself."""
-    found = []
+    pairs = []
     level = selector.fit([*others, term]).log_likelihood
     for form in term.candidate.forms():
-        made = [selector.library.problem.term(form.candidate, t) for t in form.candidate.thetas]
-        best = max(made, key=lambda t: selector.fit([*others, t]).log_likelihood)
+        terms_of_form = [
+            selector.library.problem.term(form.candidate, t) for t in form.candidate.thetas
+        ]
+        best = max(terms_of_form, key=lambda t: selector.fit([*others, t]).log_likelihood)
         rival = selector.refined(best, others)
         behind = 2.0 * (level - selector.fit([*others, rival]).log_likelihood)
         share = alias_share(selector, term, rival, others)
-        found.append((_rival(rival, behind, share), rival))
-    return found
+        pairs.append((_rival(rival, behind, share), rival))
+    return pairs
 
 
 def _with_offset(
     selector: Selector,
     term: Term,
     others: Sequence[Term],
-    own: float,
-    found: list[tuple[Rival, Term]],
+    term_evidence: float,
+    pairs: list[tuple[Rival, Term]],
 ) -> list[tuple[Rival, Term]]:
     """Try all rivals once more with a constant beside them, which has its own cost.
 
@@ -144,7 +152,7 @@ def _with_offset(
     """
     offset = offset_of(selector, term)
     if offset is None or not offset.columns:
-        return found
+        return pairs
     beside = [*others, offset]
     level, base = (selector.fit(terms).log_likelihood for terms in (beside, others))
     count = sum(state.count for state in selector.states.values())
@@ -152,10 +160,10 @@ def _with_offset(
     score = np.where(
         selector.beside(beside), selector.scan(beside).ratio - selector.penalty, -np.inf
     )
-    tied = {rival.key for rival, _ in found if rival.tied}
+    tied = {rival.key for rival, _ in pairs if rival.tied}
     closest: dict[str, tuple[Rival, Term]] = {}
     tried = Counter[str]()
-    for entry in best_entries(score, selector.groups, own - gain - GRID_MARGIN):
+    for entry in best_entries(score, selector.groups, term_evidence - gain - GRID_MARGIN):
         candidate = selector.library.candidates[selector.library.entries[entry].candidate]
         if candidate is term.candidate or candidate.key in tied or candidate.family in closest:
             continue
@@ -165,16 +173,16 @@ def _with_offset(
             continue
         rival = selector.refined(rival, beside)
         evidence = selector.evidence(rival, beside, level)
-        behind = own - gain - evidence
+        behind = term_evidence - gain - evidence
         # Where the constant alone does it, whatever is tried beside it is no rival.
         if behind < STRONG < evidence:
             share = alias_share(selector, term, rival, beside)
-            told = Rival(
+            described = Rival(
                 candidate.key, candidate.family, rival.theta, behind, share, True, with_offset=True
             )
-            closest[candidate.family] = (told, rival)
+            closest[candidate.family] = (described, rival)
     keys = {rival.key for rival, _ in closest.values()}
-    return [*closest.values(), *(one for one in found if one[0].key not in keys)]
+    return [*closest.values(), *(pair for pair in pairs if pair[0].key not in keys)]
 
 
 def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Term]) -> float:
@@ -195,15 +203,19 @@ def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Te
         at = np.ix_(share.index, share.index)
         information[at] += share.gram[fit.level[c]] / fit.scatter[c]
     crossed = information[:first, first:]
-    left = information[first:, first:] - crossed.T @ inverse(information[:first, :first]) @ crossed
+    conditional = (
+        information[first:, first:] - crossed.T @ inverse(information[:first, :first]) @ crossed
+    )
     a = fit.amplitudes[first:]
-    signal = float(a @ left[:k, :k] @ a)
-    reach = left[k:, :k] @ a
-    reproduced = float(reach @ inverse(left[k:, k:]) @ reach)
+    signal = float(a @ conditional[:k, :k] @ a)
+    reach = conditional[k:, :k] @ a
+    reproduced = float(reach @ inverse(conditional[k:, k:]) @ reach)
     return float(np.clip(reproduced / signal, 0.0, 1.0)) if signal > 0 else 0.0
 
 
-def _candidates(selector: Selector, term: Term, score: FloatArray, own: float) -> list[int]:
+def _candidates(
+    selector: Selector, term: Term, score: FloatArray, term_evidence: float
+) -> list[int]:
     """List the best members of each family, but for the term's own candidate."""
     library, taken = selector.library, dict[str, int]()
     chosen = []
@@ -212,7 +224,7 @@ def _candidates(selector: Selector, term: Term, score: FloatArray, own: float) -
         if candidate is term.candidate:
             continue
         count = taken.get(candidate.family, 0)
-        close = score[entry] > own - 2 * STRONG - 0.2 * abs(own)
+        close = score[entry] > term_evidence - 2 * STRONG - 0.2 * abs(term_evidence)
         if count == 0 or (count < OF_A_FAMILY and close):
             taken[candidate.family] = count + 1
             chosen.append(entry)
@@ -230,9 +242,9 @@ def _is_tied(behind: float, share: float) -> bool:
     return behind < STRONG or (behind < 2 * STRONG and share > SAME_SIGNAL)
 
 
-def _best_of_families(found: list[tuple[Rival, Term]]) -> list[tuple[Rival, Term]]:
+def _best_of_families(pairs: list[tuple[Rival, Term]]) -> list[tuple[Rival, Term]]:
     """Keep each family's best, and everything that is tied."""
     best: dict[str, float] = {}
-    for rival, _ in found:
+    for rival, _ in pairs:
         best[rival.family] = min(best.get(rival.family, np.inf), rival.behind)
-    return [f for f in found if f[0].tied or f[0].behind <= best[f[0].family]]
+    return [f for f in pairs if f[0].tied or f[0].behind <= best[f[0].family]]

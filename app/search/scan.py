@@ -140,12 +140,12 @@ def scan(
             ratio[batch.entries] = before[1].ratio[batch.entries]
             rank[batch.entries] = before[1].rank[batch.entries]
         elif batch.generic == generic and all(c in states for c in batch.channels):
-            own = [_products(library, base, number, values[c]) for c in batch.channels]
-            found, ranks = _ratios(own)
-            ratio[batch.entries], rank[batch.entries] = found[:, 0], ranks
+            products = [_products(library, base, number, values[c]) for c in batch.channels]
+            best_ratios, ranks = _ratios(products)
+            ratio[batch.entries], rank[batch.entries] = best_ratios[:, 0], ranks
             if drawn is not None:
-                own = [_products(library, base, number, drawn[c]) for c in batch.channels]
-                noise[batch.entries] = _ratios(own, ROUNDS_OF_NOISE)[0]
+                products = [_products(library, base, number, drawn[c]) for c in batch.channels]
+                noise[batch.entries] = _ratios(products, ROUNDS_OF_NOISE)[0]
     return Scan(np.maximum(ratio, 0.0), np.maximum(noise, 0.0), rank)
 
 
@@ -222,10 +222,10 @@ class _Products:
 def _products(library: Library, base: BaseGrams, number: int, target: Target) -> _Products:
     """Give gram (l, g, k, k), slope (l, g, k, m) and floor (l, g) of one batch."""
     state, batch = target.state, library.batches[number]
-    k, known = batch.size, base.of(number, state.fixed.channel.number)
-    reduced = known.reduced.reshape(-1, known.reduced.shape[2])
-    with_nuisance = known.with_nuisance
-    gram, floor = known.gram, known.floor
+    k, base_gram = batch.size, base.of(number, state.fixed.channel.number)
+    reduced = base_gram.reduced.reshape(-1, base_gram.reduced.shape[2])
+    with_nuisance = base_gram.with_nuisance
+    gram, floor = base_gram.gram, base_gram.floor
     if len(target.levels) < len(gram):
         gram, floor = gram[target.levels], floor[target.levels]
     with_given, with_values = _given_products(library, batch, target)
@@ -300,8 +300,8 @@ def _together(products: list[_Products], rounds: int) -> tuple[FloatArray, Float
     ]
     for _ in range(rounds - 1):
         amplitudes, _ = _amplitudes(products, level, scatter)
-        found = [_best(p, amplitudes) for p in products]
-        level, scatter = [f[0] for f in found], [f[1] for f in found]
+        chosen = [_best(p, amplitudes) for p in products]
+        level, scatter = [f[0] for f in chosen], [f[1] for f in chosen]
     amplitudes, rank = _amplitudes(products, level, scatter)
     total = np.zeros(amplitudes[:, 0].shape)
     for p in products:
@@ -335,11 +335,11 @@ def _amplitudes(
 def _best(p: _Products, amplitudes: FloatArray) -> tuple[IntArray, FloatArray]:
     """Give one channel's level at given amplitudes, and its scatter there; each of shape (g, m)."""
     g, _, m = amplitudes.shape
-    level, left = np.empty((g, m), dtype=np.intp), np.empty((g, m))
+    level, least = np.empty((g, m), dtype=np.intp), np.empty((g, m))
     for part, squares in _squares(p, amplitudes):
         level[part] = p.target.profile(squares)[1]
-        left[part] = np.take_along_axis(squares, level[part][None], 0)[0]
-    return level, p.target.state.scatter(left)
+        least[part] = np.take_along_axis(squares, level[part][None], 0)[0]
+    return level, p.target.state.scatter(least)
 
 
 def _squares(p: _Products, amplitudes: FloatArray) -> Iterator[tuple[slice, FloatArray]]:

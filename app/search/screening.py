@@ -102,12 +102,12 @@ class Screened:
 
     def doubtful(self, rows: Rows) -> BoolArray:
         """Find what an effect may have moved: several rows of a channel, in several visits."""
-        found = np.zeros(len(self.use), dtype=bool)
-        for one in self.excluded:
-            own = list(one.rows)
-            if one.visit is None and len(np.unique(rows.visit[own])) > 1:
-                found[own] = True
-        return found
+        doubtful = np.zeros(len(self.use), dtype=bool)
+        for exclusion in self.excluded:
+            excluded_rows = list(exclusion.rows)
+            if exclusion.visit is None and len(np.unique(rows.visit[excluded_rows])) > 1:
+                doubtful[excluded_rows] = True
+        return doubtful
 
     def is_explained_by(self, beside: Screened, rows: Rows) -> bool:
         """Whether most of a channel's doubtful rows are no longer far, and no others are instead.
@@ -119,10 +119,10 @@ class Screened:
         """
         doubtful = self.doubtful(rows)
         for number in np.unique(rows.channel[doubtful]):
-            own = rows.channel == number
-            back = own & doubtful & ~beside.far
-            fewer = (self.far & own).sum() - (beside.far & own).sum()
-            if len(np.unique(rows.visit[back])) > 1 and 2 * fewer > (doubtful & own).sum():
+            of_channel = rows.channel == number
+            back = of_channel & doubtful & ~beside.far
+            fewer = (self.far & of_channel).sum() - (beside.far & of_channel).sum()
+            if len(np.unique(rows.visit[back])) > 1 and 2 * fewer > (doubtful & of_channel).sum():
                 return True
         return False
 
@@ -140,14 +140,16 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance], before: Screened | None = N
     is_far = np.zeros(len(rows.values), dtype=bool)
     excluded, by_channel = [], {}
     for number in np.unique(rows.channel).tolist():
-        own = rows.channel == number
-        if before is not None and np.array_equal(rows.values[own], before.values[own]):
+        of_channel = rows.channel == number
+        if before is not None and np.array_equal(
+            rows.values[of_channel], before.values[of_channel]
+        ):
             far = before.by_channel[number]
         else:
             far = _far(rows, nuisance, number)
         by_channel[number] = far
         is_far[far.rows] = True
-        if len(far.rows) and not _too_many(len(far.rows), int(own.sum())):
+        if len(far.rows) and not _too_many(len(far.rows), int(of_channel.sum())):
             excluded.append(
                 Excluded(
                     tuple(far.rows.tolist()),
@@ -159,8 +161,8 @@ def screen(rows: Rows, nuisance: Sequence[Nuisance], before: Screened | None = N
             )
             use[far.rows] = False
     apart = _visits_apart(rows, nuisance, use)
-    for one in apart:
-        use[list(one.rows)] = False
+    for exclusion in apart:
+        use[list(exclusion.rows)] = False
     return Screened(use, (*excluded, *apart), is_far, rows.values, by_channel)
 
 
@@ -227,12 +229,12 @@ def _may_have_changed(is_far: BoolArray, channel: Channel) -> BoolArray:
     With few blocks nothing is known of how they differ, and any of them may have changed.
     """
     is_whole = np.logical_and.reduceat(is_far, channel.starts)
-    found = is_whole & (len(is_whole) < FEWEST_BLOCKS)
+    changed = is_whole & (len(is_whole) < FEWEST_BLOCKS)
     for at in np.argsort(channel.numbers)[::-1]:
         if not is_whole[at]:
             break
-        found[at] = True
-    return found[channel.block]
+        changed[at] = True
+    return changed[channel.block]
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,10 +329,10 @@ class Within:
 
         One that was estimated contains the slips.
         """
-        left, count = self.studentised, len(self.studentised)
+        residuals, count = self.studentised, len(self.studentised)
         weight = self.channel.weight if self.channel.weight >= DECLARED_WEIGHT else 0.0
-        shown = robust_sd(left - np.median(left)) * (1.0 + FEW / count)
-        return max(shown, float(np.sqrt((weight + count * shown**2) / (weight + count))))
+        spread = robust_sd(residuals - np.median(residuals)) * (1.0 + FEW / count)
+        return max(spread, float(np.sqrt((weight + count * spread**2) / (weight + count))))
 
 
 def _too_many(far: int, count: int) -> bool:
@@ -351,33 +353,33 @@ def _alike(rows: Rows, far: _Far) -> IntArray:
     alike = np.abs(far.off[:, None] - far.off) <= within[:, None]
     is_rare = count * binom.sf(alike.sum(axis=1) - 2, count - 1, by_chance) < ALL_ALIKE
     visits = rows.visit[far.rows]
-    is_rare &= np.array([len(np.unique(visits[own])) > 1 for own in alike])
+    is_rare &= np.array([len(np.unique(visits[members])) > 1 for members in alike])
     most = int(np.argmax(is_rare * alike.sum(axis=1)))
     return np.asarray(far.rows[alike[most] & is_rare[most]], dtype=np.intp)
 
 
 def _visits_apart(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray) -> list[Excluded]:
     """A slip of one visit stands alone: far from the rest and from the next furthest."""
-    found = []
+    excluded = []
     for number in np.unique(rows.channel[use]).tolist():
         channel = _channel(rows, nuisance, number, use)
         if channel.blocks.are_records:  # what lies apart in time may be what moved
             continue
         shift = Within(channel, LOOSE, np.ones(len(channel.rows))).shared[:, 0]
-        known = np.flatnonzero(~channel.blocks.free)
-        if len(known) < FEWEST_BLOCKS:
+        with_zero = np.flatnonzero(~channel.blocks.free)
+        if len(with_zero) < FEWEST_BLOCKS:
             continue
-        apart = shift[known] - np.median(shift[known])
+        apart = shift[with_zero] - np.median(shift[with_zero])
         away, size = np.abs(apart), robust_sd(apart)
         order = np.argsort(away)
         first, second = away[order[-1]], away[order[-2]]
         if first > OUTLIER * max(size, 0.3) and first > SLIP_RATIO * second:
-            visit = int(channel.blocks.setups[known[order[-1]]])
+            visit = int(channel.blocks.setups[with_zero[order[-1]]])
             if visit == channel.blocks.setups.max():
                 continue
             gone = sorted(channel.rows[(channel.blocks.setups == visit)[channel.block]].tolist())
             off = channel.scale * float(apart[order[-1]])
-            found.append(
+            excluded.append(
                 Excluded(tuple(gone), "visit-apart", number, visit, off=(off,) * len(gone))
             )
-    return found
+    return excluded

@@ -85,7 +85,7 @@ def search(
     candidates: Sequence[Candidate],
     *,
     holdout_fraction: float,
-    known: Known | None = None,
+    adopted: Known | None = None,
     unsaid: Sequence[Nuisance] = (),
     seed: int = 0,
     false_alarm: float = FALSE_ALARM,
@@ -104,7 +104,7 @@ def search(
         Residuals: measured minus predicted.
     holdout_fraction
         Share of the visits held out each time: one fold for each 1/share.
-    known
+    adopted
         Terms that the model has already, of candidates among these: fitted anew together with
         what is found.
     unsaid
@@ -129,13 +129,13 @@ def search(
     report(0.0, "screening rows")
     residuals, first = screen_at_common_scatter(rows, nuisance)
     rows = residuals
-    if known is not None:
-        rows = replace(rows, values=rows.values + known.explained)
+    if adopted is not None:
+        rows = replace(rows, values=rows.values + adopted.explained)
     chooser = _Chooser(
         rows=rows,
         nuisance=nuisance,
         candidates=candidates,
-        known=() if known is None else known.terms,
+        known=() if adopted is None else adopted.terms,
         holdout_fraction=holdout_fraction,
         seed=seed,
         false_alarm=false_alarm,
@@ -150,8 +150,8 @@ def search(
     main.terms, rivals = find_all_rivals(selector, main.terms)
     unlike = name_doubts(selector, main.terms, draws)
     doubts = [
-        (*said, *better_forms(term, own))
-        for said, term, own in zip(unlike, main.terms, rivals, strict=True)
+        (*doubt, *better_forms(term, rivals_of_term))
+        for doubt, term, rivals_of_term in zip(unlike, main.terms, rivals, strict=True)
     ]
     report(0.65, "holding visits out")
     checked = validate(
@@ -168,18 +168,22 @@ def search(
     held_out = held_out_figures(problem, fit, typical, checked, seed)
     # An effect that is not sure may stand for another: what it leaves counts in full.
     settled = checked.settled(main.terms, doubts)
-    told = checked.where_found(main.terms, settled, problem.rows.channel)
+    checked_there = checked.where_found(main.terms, settled, problem.rows.channel)
     # Where no effect acts, the maps alone are open.
     settled |= problem.fixed.keys() - {c for term in main.terms for c in term.channels}
-    beside_learning = held_out_figures(problem, fit, typical, told, seed, settled=settled)
+    beside_learning = held_out_figures(problem, fit, typical, checked_there, seed, settled=settled)
     remains = [
         *adequacy(selector, main.terms, fit, use, draws, beside_learning),
         *(
             Unexplained(FLEXIBLE, term.channels[0], term.candidate.key)
-            for term, said in zip(main.terms, unlike, strict=True)
-            if set(said) - {WANDERS_ALONE, WALKS, ALIKE}
+            for term, doubt in zip(main.terms, unlike, strict=True)
+            if set(doubt) - {WANDERS_ALONE, WALKS, ALIKE}
         ),
-        *(Unexplained(ALIKE_OUTLIERS, one.channel, None) for one in excluded if one.alike),
+        *(
+            Unexplained(ALIKE_OUTLIERS, exclusion.channel, None)
+            for exclusion in excluded
+            if exclusion.alike
+        ),
     ]
     report(0.95, "summing up")
     outcome = _Outcome(selector, main, fit, rivals, doubts, checked, unsaid, draws)
@@ -239,14 +243,14 @@ class _Chooser:
         terms = chosen.main.terms
         if not terms:
             return screened
-        left = self.rows.values - _explained(chosen.selector, terms)
-        return screen(replace(self.rows, values=left), self.nuisance, screened)
+        residuals = self.rows.values - _explained(chosen.selector, terms)
+        return screen(replace(self.rows, values=residuals), self.nuisance, screened)
 
     def _choose(self, use: BoolArray) -> _Chosen:
         draws = Draws(self.seed, DRAWS)
         splits = split(self.rows, use, self.holdout_fraction)
-        made = make_problem(self.rows, self.nuisance, use, splits.cell_of, splits.cells)
-        problem = with_expected_wander(made)
+        problem_alone = make_problem(self.rows, self.nuisance, use, splits.cell_of, splits.cells)
+        problem = with_expected_wander(problem_alone)
         library = read_library(
             *(problem, self.candidates, draws),
             lambda s: self.report(0.02 + 0.33 * s, "reading candidates"),
@@ -256,15 +260,17 @@ class _Chooser:
         selector = Selector(
             *(library, everything, allowed, self.false_alarm, self.most_terms),
             known=[
-                replace(problem.term(one.candidate, one.theta), origin=number)
-                for number, one in enumerate(self.known)
+                replace(problem.term(known_term.candidate, known_term.theta), origin=number)
+                for number, known_term in enumerate(self.known)
             ],
             step=lambda: self.report(0.35, "searching"),
         )
         main = selector.select(draws)
         if refuted := not_shared(selector, main.terms):
-            own = [library.candidates[e.candidate].family in refuted for e in library.entries]
-            selector.allowed = selector.allowed & ~np.array(own)
+            is_refuted = [
+                library.candidates[e.candidate].family in refuted for e in library.entries
+            ]
+            selector.allowed = selector.allowed & ~np.array(is_refuted)
             main = selector.select(draws)
         alike = set_ups_alike(selector, main.terms)
         if alike.is_likely:
@@ -276,11 +282,11 @@ class _Chooser:
 def _explained(selector: Selector, terms: Sequence[Term]) -> FloatArray:
     """Say what terms explain of each of the caller's rows, in the channels' own units."""
     learned = learn(selector.states, terms)
-    found = np.zeros(len(selector.library.problem.place))
+    explained = np.zeros(len(selector.library.problem.place))
     for c, state in learned.states.items():
         channel = state.fixed.channel
-        found[channel.rows] = learned.effect(c) * channel.scale
-    return found
+        explained[channel.rows] = learned.effect(c) * channel.scale
+    return explained
 
 
 class _Outcome(NamedTuple):
@@ -301,19 +307,19 @@ def _answer(
     use: BoolArray,
     excluded: Sequence[Excluded],
     held_out: Mapping[int, HeldOut],
-    left: Sequence[Unexplained],
+    unexplained: Sequence[Unexplained],
 ) -> Findings:
     """Write everything down, in the channels' own units."""
     selector, main, fit, _, _, checked, unsaid, draws = outcome
     library = selector.library
     sized = _with_unsaid(selector, main.terms, fit, unsaid)
-    every = [_found(outcome, number, sized) for number in range(len(main.terms))]
+    every = [_found_term(outcome, number, sized) for number in range(len(main.terms))]
     terms = tuple(term for term in every if term.origin is None)
     still = {term.origin for term in every}
     return Findings(
-        verdict=Verdict.UNEXPLAINED if left else Verdict.FOUND if terms else Verdict.NOTHING,
+        verdict=Verdict.UNEXPLAINED if unexplained else Verdict.FOUND if terms else Verdict.NOTHING,
         terms=terms,
-        unexplained=tuple(left),
+        unexplained=tuple(unexplained),
         noise=_noise(library.problem, fit, use),
         held_out=held_out,
         global_p=main.stages[0].global_p,
@@ -352,20 +358,20 @@ def _beside(
     terms: Sequence[Term],
     every: Sequence[FoundTerm],
     unsaid: Sequence[Nuisance],
-    kept: Collection[int],
+    confirmed: Collection[int],
 ) -> tuple[list[FoundTerm], list[FoundTerm]]:
     """Fit known terms and some of the found ones again, without the others."""
-    chosen = [i for i, term in enumerate(terms) if term.origin is not None or i in kept]
+    chosen = [i for i, term in enumerate(terms) if term.origin is not None or i in confirmed]
     again = [terms[i] for i in chosen]
     fit, start = _with_unsaid(selector, again, selector.fit(again), unsaid), 0
-    found: tuple[list[FoundTerm], list[FoundTerm]] = ([], [])
+    divided: tuple[list[FoundTerm], list[FoundTerm]] = ([], [])
     for i in chosen:
         part = slice(start, start + terms[i].size)
         start += terms[i].size
         amplitudes, covariance = _sizes(terms[i], fit, part)
-        one = replace(every[i], amplitudes=amplitudes, covariance=covariance)
-        found[terms[i].origin is not None].append(one)
-    return found
+        refitted = replace(every[i], amplitudes=amplitudes, covariance=covariance)
+        divided[terms[i].origin is not None].append(refitted)
+    return divided
 
 
 def _status(judged: Status, doubts: Sequence[str], *, is_sized: bool) -> Status:
@@ -455,17 +461,17 @@ def _untested(library: Library, rank: FloatArray) -> list[Untested]:
     blocks = library.blocks_of_entries
     most: dict[int, tuple[float, int]] = {}
     for i, entry in enumerate(library.entries):
-        known = most.get(entry.candidate, (0.0, 0))
-        most[entry.candidate] = (max(known[0], rank[i]), max(known[1], int(blocks[i])))
-    found = []
+        before = most.get(entry.candidate, (0.0, 0))
+        most[entry.candidate] = (max(before[0], rank[i]), max(before[1], int(blocks[i])))
+    not_tried = []
     for number, (testable, count) in most.items():
         candidate = library.candidates[number]
         few = count < FEWEST_BLOCKS and not candidate.within_visit
         if not testable and not candidate.generic:
-            found.append(Untested(candidate.key, "not-excited"))
+            not_tried.append(Untested(candidate.key, "not-excited"))
         elif few and not candidate.generic:
-            found.append(Untested(candidate.key, FEW_VISITS, FEWEST_BLOCKS, count))
-    return found
+            not_tried.append(Untested(candidate.key, FEW_VISITS, FEWEST_BLOCKS, count))
+    return not_tried
 
 
 def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
@@ -480,7 +486,7 @@ def _in_order(selector: Selector, terms: list[Term]) -> list[Term]:
     ]
 
 
-def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
+def _found_term(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
     selector, main, fit, rivals, doubts, checked, _, _ = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
@@ -492,9 +498,9 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
     judged = status_of(slope, checked.forward[number], inclusion, ratio, share)
     amplitudes, covariance = _sizes(term, sized, part)
     covariance = covariance + _by_nonlinear(selector, term, others)
-    own = np.flatnonzero(selector.groups == selector.library.candidates.index(term.candidate))
+    entries = np.flatnonzero(selector.groups == selector.library.candidates.index(term.candidate))
     # Beside itself, as a term that the model has is at first, a candidate tells nothing.
-    rank = int(main.stages[0].rank[own].max()) or term.size
+    rank = int(main.stages[0].rank[entries].max()) or term.size
     return FoundTerm(
         key=term.candidate.key,
         family=term.candidate.family,
@@ -506,7 +512,7 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
         likelihood_ratio=ratio,
         degrees_of_freedom=term.size + term.candidate.nonlinear,
         evidence=ratio - selector.cost(term, fit, start),
-        global_p=main.stages[0].limit.global_p_of(int(own[0]), ratio, rank),
+        global_p=main.stages[0].limit.global_p_of(int(entries[0]), ratio, rank),
         rivals=tuple(_sized(selector, *rival, term, others) for rival in rivals[number]),
         slope=slope,
         forward_slope=checked.forward[number],
@@ -521,29 +527,29 @@ def _found(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
 
 
 def _noise(problem: Problem, fit: Fit, use: BoolArray) -> dict[int, ChannelNoise]:
-    found = {}
+    noise = {}
     for c, fixed in problem.fixed.items():
-        channel, known = fixed.channel, repeatability(problem.rows, c, use)
-        read = known._replace(value=channel.scale)  # what the fit made of a first guess
-        found[c] = ChannelNoise(
+        channel, measured = fixed.channel, repeatability(problem.rows, c, use)
+        read = measured._replace(value=channel.scale)  # what the fit made of a first guess
+        noise[c] = ChannelNoise(
             repeatability=channel.scale,
             origin=at_least_rounding(problem.rows, c, read).origin,
             fitted=channel.scale * float(np.sqrt(fit.scatter[c])),
             visits=len(np.unique(channel.blocks.setups)),
             rows=len(channel.rows),
         )
-    return found
+    return noise
 
 
 def _detectable(selector: Selector, main: Selection, draws: Draws) -> list[Detectable]:
-    given = selector.given(main.terms)
-    chances = Chances.of(selector.base, given, selector.allowed, draws, main.stages[0].limit)
+    conditioned = selector.given(main.terms)
+    chances = Chances.of(selector.base, conditioned, selector.allowed, draws, main.stages[0].limit)
     return smallest_effects(selector.library, selector.states, chances, rivals=False)
 
 
 def _in_own_unit(problem: Problem, predicted: FloatArray) -> FloatArray:
-    found = np.full(len(predicted), np.nan)
+    in_unit = np.full(len(predicted), np.nan)
     for fixed in problem.fixed.values():
         rows = fixed.channel.rows
-        found[rows] = predicted[rows] * fixed.channel.scale
-    return found
+        in_unit[rows] = predicted[rows] * fixed.channel.scale
+    return in_unit

@@ -126,7 +126,7 @@ class Selector:
         self.is_expected, self.is_sampled, self.are_of_setups = of_entries.T
         self.penalty = penalties(self.library, sum(s.count for s in self.states.values()))
 
-    def select(self, draws: Draws | None, known: Sequence[Stage] = ()) -> Selection:
+    def select(self, draws: Draws | None, stages: Sequence[Stage] = ()) -> Selection:
         """Choose terms.
 
         Parameters
@@ -134,16 +134,16 @@ class Selector:
         draws
             Draws of noise for the threshold; it serves for all stages, as the library is the
             same and what terms take of its freedom is little.
-        known
+        stages
             Without draws: stages of another selection whose threshold is used.
         """
         chosen = Selection(self._still_paying(list(self.known)))
         while True:
             self.step()
-            found = self.scan(chosen.terms, None if chosen.stages else draws)
-            stage = self._stage(found, [*chosen.stages, *known], chosen.terms)
+            scanned = self.scan(chosen.terms, None if chosen.stages else draws)
+            stage = self._stage(scanned, [*chosen.stages, *stages], chosen.terms)
             chosen.stages.append(stage)
-            term = self._best(found, stage, chosen.terms)
+            term = self._best(scanned, stage, chosen.terms)
             if term is None:
                 return chosen
             before = _new(chosen.terms)
@@ -165,10 +165,10 @@ class Selector:
         key = (tuple(id(t) for t in terms), draws, generic)
         if self._last is None or self._last[0] != key:
             before = None if generic or draws else self._bare
-            found = scan(self.library, self.given(terms), draws, generic, self.base, before)
-            self._last = (key, list(terms), found)
+            scanned = scan(self.library, self.given(terms), draws, generic, self.base, before)
+            self._last = (key, list(terms), scanned)
             if not terms and not generic:
-                self._bare = (self.states, found)
+                self._bare = (self.states, scanned)
         return self._last[2]
 
     def given(self, terms: Sequence[Term]) -> dict[int, State]:
@@ -216,30 +216,30 @@ class Selector:
         """Refine a term's nonlinear parameter on these cells."""
         return refine(self.library.problem, self.states, term, others)
 
-    def _stage(self, found: Scan, known: Sequence[Stage], others: Sequence[Term]) -> Stage:
+    def _stage(self, scanned: Scan, stages: Sequence[Stage], others: Sequence[Term]) -> Stage:
         alike = None
-        if found.noise.shape[1]:  # draws, even where the library is empty
-            tested = found.only(self.allowed)
+        if scanned.noise.shape[1]:  # draws, even where the library is empty
+            tested = scanned.only(self.allowed)
             halves = self.library.problem.has_expected_wander
             limit = threshold(tested, self.groups, self.families, self.false_alarm, halves)
             if self.made_anew is not None:
                 alike, limit = limit, limit.except_for(self.are_of_setups, self.made_anew)
         else:
-            limit, alike = known[0].limit, known[0].alike
-        allowed = self.allowed & ~self._unexpected(found, limit) if not known else self.allowed
-        is_level = self._are_levels(found, limit, alike, others)
-        p = limit.global_p(found.only(allowed & ~is_level))
-        return Stage(limit, p, found.ratio, found.rank, is_level, alike)
+            limit, alike = stages[0].limit, stages[0].alike
+        allowed = self.allowed & ~self._unexpected(scanned, limit) if not stages else self.allowed
+        is_level = self._are_levels(scanned, limit, alike, others)
+        p = limit.global_p(scanned.only(allowed & ~is_level))
+        return Stage(limit, p, scanned.ratio, scanned.rank, is_level, alike)
 
-    def _unexpected(self, found: Scan, limit: Threshold) -> BoolArray:
+    def _unexpected(self, scanned: Scan, limit: Threshold) -> BoolArray:
         """Say which entries stand out by an amplitude other than the one that they should have.
 
         Tables have errors, and residuals contain them: a few per cent of what a mistake would do
         surprise, and are none.
         """
-        near = self.is_expected & self.allowed & (limit.excess(found) > -CLOSE)
-        best = best_entries(np.where(near, found.ratio, -np.inf), self.groups, 0.0)
-        is_none = np.zeros(len(found.rank), dtype=np.bool_)
+        near = self.is_expected & self.allowed & (limit.excess(scanned) > -CLOSE)
+        best = best_entries(np.where(near, scanned.ratio, -np.inf), self.groups, 0.0)
+        is_none = np.zeros(len(scanned.rank), dtype=np.bool_)
         base = self.fit([]).log_likelihood
         for entry in best:
             term = self.library.term(entry)
@@ -249,12 +249,12 @@ class Selector:
                 is_none |= self.groups == self.groups[entry]
         return is_none
 
-    def _best(self, found: Scan, stage: Stage, others: Sequence[Term]) -> Term | None:
+    def _best(self, scanned: Scan, stage: Stage, others: Sequence[Term]) -> Term | None:
         """Pick by evidence among those that pass the threshold and beat no effect at all."""
         # The correction may lower the evidence, never raise it: it comes from few draws.
         factor = np.minimum(stage.limit.bartlett, 1.0)
-        score = found.ratio * factor - self.penalty
-        passed = self.beside(others) & ~stage.is_level & (stage.limit.excess(found) >= 0)
+        score = scanned.ratio * factor - self.penalty
+        passed = self.beside(others) & ~stage.is_level & (stage.limit.excess(scanned) >= 0)
         best = self._best_beside(np.where(passed & (score > 0), score, -np.inf), others)
         if best is None:
             return None
@@ -263,7 +263,7 @@ class Selector:
         return best if is_right else None
 
     def _are_levels(
-        self, found: Scan, limit: Threshold, alike: Threshold | None, others: Sequence[Term]
+        self, scanned: Scan, limit: Threshold, alike: Threshold | None, others: Sequence[Term]
     ) -> BoolArray:
         """Say which entries may be what set-ups that resemble each other have in common.
 
@@ -273,8 +273,8 @@ class Selector:
         """
         if alike is None or any(term.candidate.of_setups for term in others):
             return np.zeros_like(self.allowed)
-        passed = self.beside(others) & (limit.excess(found) >= 0)
-        is_open = np.asarray(passed & self.are_of_setups & (alike.excess(found) < 0))
+        passed = self.beside(others) & (limit.excess(scanned) >= 0)
+        is_open = np.asarray(passed & self.are_of_setups & (alike.excess(scanned) < 0))
         is_known = any(
             self._has_course(self.library.term(entry), others)
             for entry in np.flatnonzero(is_open).tolist()
@@ -284,16 +284,16 @@ class Selector:
     def _has_course(self, term: Term, others: Sequence[Term]) -> bool:
         """Whether a term is seen beside a constant of its channels, and as it is without one."""
         beside = [*others, *self._constants(term)]
-        known, alone, both = (self.fit(t) for t in (beside, [*others, term], [*beside, term]))
+        before, alone, both = (self.fit(t) for t in (beside, [*others, term], [*beside, term]))
         is_same = alone.amplitudes[-term.size :] @ both.amplitudes[-term.size :] > 0.0
-        rise = 2.0 * (both.log_likelihood - known.log_likelihood)
+        rise = 2.0 * (both.log_likelihood - before.log_likelihood)
         return bool(is_same and 0.5 * upper_tail(rise, term.size) < CHANCE_COURSE)
 
     def _constants(self, term: Term) -> list[Term]:
         """Make a constant for each channel in which a term acts."""
         problem = self.library.problem
         rows = {c: problem.fixed[c].channel.rows for c in term.channels}
-        parts = [Part(c, own, np.ones((len(own), 1))) for c, own in rows.items()]
+        parts = [Part(c, row, np.ones((len(row), 1))) for c, row in rows.items()]
         return [
             problem.term(Candidate(OFFSET, OFFSET, partial(_columns, part)), None) for part in parts
         ]
@@ -308,8 +308,8 @@ class Selector:
             best = self.finalist(score, others)
             if not taken_back(self.states, [*others, best]):
                 return best
-            own = self.library.candidates.index(best.candidate)
-            score = np.where(self.groups == own, -np.inf, score)
+            best_candidate = self.library.candidates.index(best.candidate)
+            score = np.where(self.groups == best_candidate, -np.inf, score)
         return None
 
     def finalist(self, score: FloatArray, others: Sequence[Term]) -> Term:
@@ -323,13 +323,13 @@ class Selector:
         # Apart: with the amplitude free, one that is expected looks better than it is, and would
         # push others out; what looks worse than these all the same need not be refined.
         free, bound = (
-            np.where(own, score, -np.inf) for own in (~self.is_expected, self.is_expected)
+            np.where(scores, score, -np.inf) for scores in (~self.is_expected, self.is_expected)
         )
         top = float((free if np.isfinite(free).any() else bound).max())
         floor = top - 10.0 - 0.1 * abs(top)
-        each = (best_entries(own, self.groups, floor)[:FINALISTS] for own in (free, bound))
+        each = (best_entries(scores, self.groups, floor)[:FINALISTS] for scores in (free, bound))
         hidden = self._hidden(score, top)
-        entries = list(dict.fromkeys([*(entry for own in each for entry in own), *hidden]))
+        entries = list(dict.fromkeys([*(entry for scores in each for entry in scores), *hidden]))
         base = self.fit(others).log_likelihood
         terms = [self.refined(self.library.term(i), others) for i in entries]
         return max(terms, key=lambda t: self.evidence(t, others, base))
@@ -478,11 +478,14 @@ def given_states(states: Mapping[int, State], terms: Sequence[Term]) -> dict[int
         return dict(states)
     fit = fit_terms(states, terms)
     errors = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
-    given = {c: _given(s, c, terms, fit, errors) for c, s in states.items()}
-    return {c: State(s.fixed, s.cells, given[c]) if given[c] else s for c, s in states.items()}
+    conditioned = {c: _conditioned_on(s, c, terms, fit, errors) for c, s in states.items()}
+    return {
+        c: State(s.fixed, s.cells, conditioned[c]) if conditioned[c] else s
+        for c, s in states.items()
+    }
 
 
-def _given(
+def _conditioned_on(
     state: State, channel: int, terms: Sequence[Term], fit: Fit, errors: FloatArray
 ) -> Given | None:
     columns, precision, offset = [], [], np.zeros(len(state.fixed.channel.rows))

@@ -30,30 +30,30 @@ def not_shared(selector: Selector, terms: Sequence[Term]) -> set[str]:
     set of str
         Families.
     """
-    found = set()
+    families = set()
     for i, term in enumerate(terms):
         if term.origin is not None or term.candidate.apart is None:
             continue
         apart = selector.library.problem.term(term.candidate.apart, term.theta)
         others = [*terms[:i], *terms[i + 1 :]]
         if _worth_apart(selector, term, apart, others) > _worth(selector, [*others, term]):
-            found.add(term.candidate.family)
-    return found
+            families.add(term.candidate.family)
+    return families
 
 
 def _worth_apart(selector: Selector, term: Term, apart: Term, others: Sequence[Term]) -> float:
     """Give the evidence of a term's sizes apart, with those of the others that pay beside them."""
     count = sum(state.count for state in selector.states.values())
     price = (apart.size - term.size) * float(np.log(count)) + selector.price(term)
-    kept, best = list(others), _worth(selector, others, apart)
+    remaining, best = list(others), _worth(selector, others, apart)
     while True:
-        near = [t for t in kept if t.origin is None and set(t.columns) & set(apart.columns)]
-        fewer = [[t for t in kept if t is not one] for one in near]
+        near = [t for t in remaining if t.origin is None and set(t.columns) & set(apart.columns)]
+        fewer = [[t for t in remaining if t is not neighbour] for neighbour in near]
         worths = [_worth(selector, rest, apart) for rest in fewer]
         if max(worths, default=-np.inf) <= best:
             return best - price
         best = max(worths)
-        kept = fewer[worths.index(best)]
+        remaining = fewer[worths.index(best)]
 
 
 def _worth(selector: Selector, terms: Sequence[Term], beside: Term | None = None) -> float:

@@ -73,12 +73,12 @@ def solutions(
     informs = determinant > floor * large  # the smaller of two eigenvalues exceeds its floor
     informs &= large > floor
     divisor = np.where(informs, determinant, 1.0)
-    found = np.stack([(c * first - b * second) / divisor, (a * second - b * first) / divisor]).T
+    solution = np.stack([(c * first - b * second) / divisor, (a * second - b * first) / divisor]).T
     rank = np.full(len(gram), 2.0)
     rest = np.flatnonzero(~informs)
     if rest.size:
-        found[rest], rank[rest] = _by_roots(gram[rest], floor[rest], right[rest])
-    return found, rank
+        solution[rest], rank[rest] = _by_roots(gram[rest], floor[rest], right[rest])
+    return solution, rank
 
 
 def _by_roots(

@@ -124,22 +124,22 @@ def split(rows: Rows, use: BoolArray, share: float) -> Splits:
 
 def _stretches(rows: Rows, blocks: IntArray, visits: IntArray, folds: int) -> IntArray:
     """Cut every long visit into one stretch for each fold, of three parts; short ones in turn."""
-    found = np.zeros(len(blocks), dtype=np.intp)
+    cells = np.zeros(len(blocks), dtype=np.intp)
     when = np.array([rows.minutes[rows.block == b].mean() for b in blocks])
     short = 0
     for visit in np.unique(visits):
-        own = np.flatnonzero(visits == visit)
-        if len(own) < 2 * folds:
-            found[own] = PARTS * (short % folds) + MIDDLE
+        of_visit = np.flatnonzero(visits == visit)
+        if len(of_visit) < 2 * folds:
+            cells[of_visit] = PARTS * (short % folds) + MIDDLE
             short += 1
             continue
         # Equal in blocks, not in time: pauses teach nothing.
-        order = np.argsort(when[own], kind="stable")
-        at = np.arange(len(own)) * folds / len(own)
+        order = np.argsort(when[of_visit], kind="stable")
+        at = np.arange(len(of_visit)) * folds / len(of_visit)
         within = at % 1.0
         part = np.where(within < EDGE, FIRST, np.where(within >= 1.0 - EDGE, LAST, MIDDLE))
-        found[own[order]] = PARTS * at.astype(np.intp) + part
-    return found
+        cells[of_visit[order]] = PARTS * at.astype(np.intp) + part
+    return cells
 
 
 def _deal(channels: Sequence[IntArray], folds: int) -> list[int]:
@@ -147,8 +147,8 @@ def _deal(channels: Sequence[IntArray], folds: int) -> list[int]:
     of_channel: dict[int, list[int]] = defaultdict(lambda: [0] * folds)
     in_all = [0] * folds
     dealt = []
-    for own in channels:
-        counts = [of_channel[c] for c in own.tolist()]
+    for channel in channels:
+        counts = [of_channel[c] for c in channel.tolist()]
         fold = min(range(folds), key=lambda f: (sum(c[f] for c in counts), in_all[f], f))
         dealt.append(fold)
         in_all[fold] += 1

@@ -103,12 +103,12 @@ class Levels:
         ndarray, shape (l, b (1 + q) + p, m)
         """
         first = self.turned.shape[1]
-        found = np.empty((len(self.which), first + len(with_nuisance), with_nuisance.shape[1]))
-        turned = found[:, :first]
+        shadows = np.empty((len(self.which), first + len(with_nuisance), with_nuisance.shape[1]))
+        turned = shadows[:, :first]
         self.whitening.turn(reduced, turned)
-        left = with_nuisance - self.turned.transpose(0, 2, 1) @ turned
-        np.matmul(self.inverse_root, left, out=found[:, first:])
-        return found
+        residual = with_nuisance - self.turned.transpose(0, 2, 1) @ turned
+        np.matmul(self.inverse_root, residual, out=shadows[:, first:])
+        return shadows
 
     def taken(
         self, with_nuisance: FloatArray, reduced: FloatArray, k: int
@@ -208,9 +208,9 @@ class State:
         sizes = np.diff(np.append(channel.starts, len(channel.rows)))
         self.count = int(sizes[self.blocks].sum())
         with_nuisance, reduced, square = self._products_of_values()
-        own, own_reduced, precision = self._products_of_nuisance()
+        nuisance, own_reduced, precision = self._products_of_nuisance()
         self.levels = [
-            self._levels(which, own, own_reduced, precision)
+            self._levels(which, nuisance, own_reduced, precision)
             for which in channel.blocks.alike(channel.tried)
         ]
         self.shadows = [some.shadow(with_nuisance, reduced) for some in self.levels]
@@ -235,10 +235,10 @@ class State:
     @cached_property
     def constants(self) -> FloatArray:
         """What the squares have no part in of each set's log likelihood, shape (L,)."""
-        found = np.empty(len(self.rss))
+        by_level = np.empty(len(self.rss))
         for some in self.levels:
-            found[some.which] = some.constant
-        return found
+            by_level[some.which] = some.constant
+        return by_level
 
     def log_likelihoods(self, rss: FloatArray) -> FloatArray:
         """Profile the repeatability out of the likelihood, at each set of visit variances.
@@ -253,8 +253,8 @@ class State:
         ndarray, shape (L, ...)
         """
         constants = self.constants.reshape(-1, *(1,) * (rss.ndim - 1))
-        found: FloatArray = -0.5 * self.freedom * np.log(self.scatter(rss)) + constants
-        return found
+        profile: FloatArray = -0.5 * self.freedom * np.log(self.scatter(rss)) + constants
+        return profile
 
     def profile(
         self, rss: FloatArray, levels: IntArray | None = None
@@ -277,14 +277,14 @@ class State:
         """
         scaled, constant = self._scaled(rss, levels)
         smallest = scaled.min(axis=0)
-        found: FloatArray = -0.5 * self.freedom * np.log(smallest) + constant
-        return found, _first_at(scaled, smallest)
+        log_likelihood: FloatArray = -0.5 * self.freedom * np.log(smallest) + constant
+        return log_likelihood, _first_at(scaled, smallest)
 
     def largest(self, rss: FloatArray, levels: IntArray | None = None) -> FloatArray:
         """Give the largest log likelihood alone: `profile` without which level has it."""
         scaled, constant = self._scaled(rss, levels)
-        found: FloatArray = -0.5 * self.freedom * np.log(scaled.min(axis=0)) + constant
-        return found
+        highest: FloatArray = -0.5 * self.freedom * np.log(scaled.min(axis=0)) + constant
+        return highest
 
     def _scaled(self, rss: FloatArray, levels: IntArray | None) -> tuple[FloatArray, float]:
         """Scale scatter so that the log likelihood is −f/2 ln of it at all levels, and a constant.
@@ -300,13 +300,15 @@ class State:
     def handicap(self) -> FloatArray:
         """What each level's constant is behind the largest, as a factor of scatter, shape (L,)."""
         with np.errstate(over="ignore"):
-            found: FloatArray = np.exp(2.0 * (self.constants.max() - self.constants) / self.freedom)
-        return found
+            ratios: FloatArray = np.exp(
+                2.0 * (self.constants.max() - self.constants) / self.freedom
+            )
+        return ratios
 
     def level(self, number: int) -> Levels:
         """Give one of the sets of visit variances alone."""
-        (found,) = self.some_levels(np.array([number]))
-        return found
+        (single,) = self.some_levels(np.array([number]))
+        return single
 
     def some_levels(self, wanted: IntArray) -> list[Levels]:
         """Give some of the sets of visit variances, by their numbers."""
@@ -325,25 +327,25 @@ class State:
         -------
         ndarray, shape (...)
         """
-        found: FloatArray = np.asarray(rss + self.fixed.channel.weight)
-        np.maximum(found, LEAST_SQUARES, out=found)
-        found /= self.freedom
-        return found
+        variance: FloatArray = np.asarray(rss + self.fixed.channel.weight)
+        np.maximum(variance, LEAST_SQUARES, out=variance)
+        variance /= self.freedom
+        return variance
 
     def _products_of_nuisance(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         fixed, use = self.fixed, self.cells
-        own = fixed.nuisance.nuisance[use].sum(axis=0)
+        nuisance = fixed.nuisance.nuisance[use].sum(axis=0)
         reduced = fixed.nuisance.reduced[self.blocks]
-        precision = np.ones(len(own))
+        precision = np.ones(len(nuisance))
         if self.given is None:
-            return own, reduced, precision
+            return nuisance, reduced, precision
         columns = self.given.columns
         extra = moments_of(fixed.channel, columns, fixed.cells)
         corner = extra.nuisance[use].sum(axis=0)
         square = fixed.channel.by_cell(columns, columns, fixed.cells)[use].sum(axis=0)
         square = square + np.diag(np.diag(square) * JITTER + 1e-12)
         return (
-            np.block([[own, corner.T], [corner, square]]),
+            np.block([[nuisance, corner.T], [corner, square]]),
             np.concatenate([reduced, extra.reduced[self.blocks]], axis=2),
             np.append(precision, self.given.precision),
         )
@@ -354,19 +356,19 @@ class State:
         if self.given is None:
             with_nuisance = fixed.values.nuisance[use].sum(axis=0).T
             return with_nuisance, fixed.values.reduced[self.blocks], float(fixed.square[use].sum())
-        left = (channel.values - self.given.offset)[:, None]
-        both = np.column_stack([channel.nuisance, self.given.columns, left])
-        products = channel.by_cell(both, left, fixed.cells)[use].sum(axis=0)
-        return products[:-1], channel.reduce(left)[self.blocks], float(products[-1, 0])
+        residuals = (channel.values - self.given.offset)[:, None]
+        both = np.column_stack([channel.nuisance, self.given.columns, residuals])
+        products = channel.by_cell(both, residuals, fixed.cells)[use].sum(axis=0)
+        return products[:-1], channel.reduce(residuals)[self.blocks], float(products[-1, 0])
 
     def _levels(
-        self, which: IntArray, own: FloatArray, reduced: FloatArray, precision: FloatArray
+        self, which: IntArray, nuisance: FloatArray, reduced: FloatArray, precision: FloatArray
     ) -> Levels:
         channel = self.fixed.channel
         whitening = channel.whitening(which, self.blocks)
         turned = whitening.turn(reduced)
-        left = own - turned.transpose(0, 2, 1) @ turned + np.diag(precision)
-        root = np.asarray(np.linalg.cholesky(left), dtype=np.float64)
+        remaining = nuisance - turned.transpose(0, 2, 1) @ turned + np.diag(precision)
+        root = np.asarray(np.linalg.cholesky(remaining), dtype=np.float64)
         p = channel.nuisance.shape[1]
         # The factor of the nuisance alone, which comes first: given terms are fitted, not
         # integrated out. A restricted likelihood would take their determinant too, and could
@@ -374,9 +376,9 @@ class State:
         diagonals = np.diagonal(root, axis1=1, axis2=2)[:, :p]
         half_log_det = 0.5 * whitening.log_determinant + np.log(diagonals).sum(axis=1)
         inverse_root: FloatArray = np.zeros_like(root)
-        for one, inverse in zip(root, inverse_root, strict=True):
-            if one.size:
-                inverse[:], _ = dtrtri(one, lower=1)
+        for lower, inverse in zip(root, inverse_root, strict=True):
+            if lower.size:
+                inverse[:], _ = dtrtri(lower, lower=1)
         constant = np.asarray(channel.prior[which] - half_log_det)
         shapes = channel.shapes.shape[1]
         return Levels(which, whitening, turned, root, inverse_root, constant, shapes)
@@ -387,7 +389,7 @@ def _first_at(values: FloatArray, smallest: FloatArray) -> IntArray:
     if values.ndim == 1:
         return np.asarray(values.argmin(axis=0))
     # Of long rows numpy's argmin along the first axis takes ten times as long.
-    found = np.zeros(smallest.shape, dtype=np.intp)
+    place = np.zeros(smallest.shape, dtype=np.intp)
     for number in reversed(range(len(values))):
-        np.copyto(found, number, where=values[number] == smallest)
-    return found
+        np.copyto(place, number, where=values[number] == smallest)
+    return place

@@ -55,15 +55,15 @@ def surprise_of_squares(
     0.0016
     """
     weights = norm.pdf(NODES)
-    found = 0.0
+    tail = 0.0
     for weight, scale in zip(weights / weights.sum(), _scales(freedom), strict=True):
         level = noise * float(scale)
         columns = np.hstack([np.sqrt(level) * spread, others])
         shared = np.linalg.eigvalsh(columns.T @ columns)[::-1][:count].clip(min=0.0)
         variances = np.append(level + shared, level)
         counts = np.append(np.ones(len(shared)), max(count - len(shared), 0))
-        found += weight * tail_of_squares(total, variances, counts)
-    return float(found)
+        tail += weight * tail_of_squares(total, variances, counts)
+    return float(tail)
 
 
 def _scales(freedom: float) -> FloatArray:

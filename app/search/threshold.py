@@ -53,12 +53,12 @@ class Population:
             (self.location, self.scale, self.bartlett),
             strict=True,
         )
-        return Population(*(np.where(which, theirs, own) for theirs, own in pairs))
+        return Population(*(np.where(which, theirs, mine) for theirs, mine in pairs))
 
-    def reduced(self, found: Scan) -> FloatArray:
+    def reduced(self, scanned: Scan) -> FloatArray:
         """Give every entry's surprise on its family's scale, shape (entries,)."""
-        own = surprise(found.ratio * self.bartlett, found.rank)
-        return np.asarray((own - self.location) / self.scale)
+        surprises = surprise(scanned.ratio * self.bartlett, scanned.rank)
+        return np.asarray((surprises - self.location) / self.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +88,10 @@ class Threshold:
 
     def except_for(self, which: BoolArray, other: Threshold) -> Threshold:
         """Judge some entries by another threshold, shape (entries,)."""
-        own = self.own
-        if own is not None and other.own is not None:
-            own = own.except_for(which, other.own)
-        return replace(self, noise=self.noise.except_for(which, other.noise), own=own)
+        own_population = self.own
+        if own_population is not None and other.own is not None:
+            own_population = own_population.except_for(which, other.own)
+        return replace(self, noise=self.noise.except_for(which, other.noise), own=own_population)
 
     @property
     def bartlett(self) -> FloatArray:
@@ -103,18 +103,18 @@ class Threshold:
         """−log10 p above which an entry counts as found, shape (entries,)."""
         return np.asarray(self.noise.location + self.limit * self.noise.scale)
 
-    def excess(self, found: Scan) -> FloatArray:
+    def excess(self, scanned: Scan) -> FloatArray:
         """Give by how much every entry exceeds what it must, shape (entries,)."""
-        excess = self.noise.reduced(found) - self.limit
+        excess = self.noise.reduced(scanned) - self.limit
         if self.own is not None:
-            excess = np.minimum(excess, self.own.reduced(found) - self.own_limit)
+            excess = np.minimum(excess, self.own.reduced(scanned) - self.own_limit)
         return excess
 
-    def global_p(self, found: Scan) -> float:
+    def global_p(self, scanned: Scan) -> float:
         """Give the probability that noise alone surprises as much in any family."""
         if not self.families:
             return 1.0  # Nothing could be tested: nothing surprises.
-        return self._chance(float(np.max(self.noise.reduced(found), initial=-np.inf)))
+        return self._chance(float(np.max(self.noise.reduced(scanned), initial=-np.inf)))
 
     def global_p_of(self, entry: int, ratio: float, rank: int) -> float:
         """Give the probability that noise alone surprises as much in any family as one term does.
@@ -129,16 +129,20 @@ class Threshold:
         if not self.families:
             return 1.0
         parts = (self.noise.location, self.noise.scale, self.noise.bartlett)
-        own = Population(*(part[[entry]] for part in parts))
-        found = Scan(np.array([ratio]), np.zeros((1, 0)), np.array([rank]))
-        return self._chance(float(own.reduced(found)[0]))
+        population = Population(*(part[[entry]] for part in parts))
+        scanned = Scan(np.array([ratio]), np.zeros((1, 0)), np.array([rank]))
+        return self._chance(float(population.reduced(scanned)[0]))
 
     def _chance(self, rarest: float) -> float:
         return float(-np.expm1(-self.families * np.exp(-rarest)))
 
 
 def threshold(
-    found: Scan, groups: np.ndarray, families: np.ndarray, false_alarm: float, halves: bool = False
+    scanned: Scan,
+    groups: np.ndarray,
+    families: np.ndarray,
+    false_alarm: float,
+    halves: bool = False,
 ) -> Threshold:
     """Take the threshold from draws of noise, with a smoothed tail.
 
@@ -156,27 +160,31 @@ def threshold(
     halves
         Whether the second half of the draws wanders as the other channels do (`Draws`).
     """
-    count = len([f for f in np.unique(families) if found.rank[families == f].any()])
-    middle = found.noise.shape[1] // 2
-    parts = [found.noise[:, middle:], found.noise[:, :middle]] if halves else [found.noise]
-    known = [_population(Scan(found.ratio, part, found.rank), groups, families) for part in parts]
+    count = len([f for f in np.unique(families) if scanned.rank[families == f].any()])
+    middle = scanned.noise.shape[1] // 2
+    parts = [scanned.noise[:, middle:], scanned.noise[:, :middle]] if halves else [scanned.noise]
+    populations = [
+        _population(Scan(scanned.ratio, part, scanned.rank), groups, families) for part in parts
+    ]
     return Threshold(
-        noise=known[0],
-        own=known[1] if halves else None,
+        noise=populations[0],
+        own=populations[1] if halves else None,
         limit=_gumbel(false_alarm / max(count, 1)),
         own_limit=_gumbel(OWN_FALSE_ALARM),
         families=count,
     )
 
 
-def _population(found: Scan, groups: np.ndarray, families: np.ndarray) -> Population:
-    bartlett = _bartlett(found, groups)
+def _population(scanned: Scan, groups: np.ndarray, families: np.ndarray) -> Population:
+    bartlett = _bartlett(scanned, groups)
     location, scale = np.zeros(len(families)), np.ones(len(families))
-    for family in np.unique(families[found.rank > 0]):
-        own = families == family
-        largest = _most_surprising(found.noise[own] * bartlett[own, None], found.rank[own])
-        scale[own] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
-        location[own] = float(largest.mean()) - EULER_GAMMA * scale[own]
+    for family in np.unique(families[scanned.rank > 0]):
+        of_family = families == family
+        largest = _most_surprising(
+            scanned.noise[of_family] * bartlett[of_family, None], scanned.rank[of_family]
+        )
+        scale[of_family] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
+        location[of_family] = float(largest.mean()) - EULER_GAMMA * scale[of_family]
     return Population(location, scale, bartlett)
 
 
@@ -188,9 +196,9 @@ def _most_surprising(noise: FloatArray, rank: FloatArray) -> FloatArray:
     for the probabilities of all others.
     """
     ranks = np.unique(rank)
-    largest = np.stack([noise[rank == one].max(axis=0) for one in ranks])
-    found: FloatArray = surprise(largest, ranks[:, None]).max(axis=0)
-    return found
+    largest = np.stack([noise[rank == rank_value].max(axis=0) for rank_value in ranks])
+    most: FloatArray = surprise(largest, ranks[:, None]).max(axis=0)
+    return most
 
 
 def _gumbel(probability: float) -> float:
@@ -227,8 +235,8 @@ def surprise(ratio: FloatArray, freedom: FloatArray) -> FloatArray:
         - gammaln(a)
         + np.log1p((a - 1) / np.maximum(x, 1))
     )
-    found = -np.where(x < 300.0, near, far) / np.log(10.0)
-    return np.where(freedom > 0, np.maximum(found, 0.0), 0.0)
+    surprises = -np.where(x < 300.0, near, far) / np.log(10.0)
+    return np.where(freedom > 0, np.maximum(surprises, 0.0), 0.0)
 
 
 def upper_tail(ratio: float, freedom: float) -> float:
@@ -240,8 +248,8 @@ def upper_tail(ratio: float, freedom: float) -> float:
     return float(gammaincc(freedom / 2.0, max(ratio, 0.0) / 2.0))
 
 
-def _bartlett(found: Scan, groups: np.ndarray) -> FloatArray:
-    count = np.maximum(np.bincount(groups, weights=(found.rank > 0) * 1.0), 1.0)
-    relative = found.noise.mean(axis=1) / np.maximum(found.rank, 1.0)
-    mean = np.bincount(groups, weights=relative * (found.rank > 0)) / count
+def _bartlett(scanned: Scan, groups: np.ndarray) -> FloatArray:
+    count = np.maximum(np.bincount(groups, weights=(scanned.rank > 0) * 1.0), 1.0)
+    relative = scanned.noise.mean(axis=1) / np.maximum(scanned.rank, 1.0)
+    mean = np.bincount(groups, weights=relative * (scanned.rank > 0)) / count
     return np.asarray(np.clip(1.0 / np.maximum(mean, 1e-3), *BARTLETT)[groups])

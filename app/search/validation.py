@@ -105,7 +105,7 @@ class Validation:
         doubts
             For each term, how the values depart from it.
         """
-        sure = [not said and self.confirms(i) for i, said in enumerate(doubts)]
+        sure = [not doubt and self.confirms(i) for i, doubt in enumerate(doubts)]
         acting = {c for term in terms for c in term.channels}
         pairs = zip(terms, sure, strict=True)
         return acting - {c for term, is_sure in pairs if not is_sure for c in term.channels}
@@ -125,8 +125,8 @@ class Validation:
         """
         after = self.after.copy()
         for term, folds in zip(terms, self.found_in, strict=True):
-            own = list({*term.channels}.intersection(channels))
-            after[np.isin(channel, own) & ~np.isin(self.fold, list(folds))] = np.nan
+            its_channels = list({*term.channels}.intersection(channels))
+            after[np.isin(channel, its_channels) & ~np.isin(self.fold, list(folds))] = np.nan
         return replace(self, after=after)
 
 
@@ -150,7 +150,7 @@ def validate(
         For each term, its rivals: a fold that finds a tied one has found the same thing.
     """
     n = len(library.problem.rows.values)
-    found = Validation(
+    validation = Validation(
         after=np.full(n, np.nan),
         adopted=np.full(n, np.nan),
         known=np.full(n, np.nan),
@@ -164,31 +164,31 @@ def validate(
     library = _near(library, main)
     for fold in range(splits.folds):
         step(fold / (splits.folds + 1))
-        held = splits.fold(fold)
+        held_out = splits.fold(fold)
         teaching = splits.teaching(fold)
         learned = _learned(library, teaching, main, allowed, rivals)
         matches = _matches(learned.terms, main.terms, rivals)
         learned = _as_all_say(library.problem, learned, matches, main.terms, teaching)
         for number, match in enumerate(matches):
             if match is not None:
-                slope = _slope(library.problem, learned, match, main.terms[number], held)
-                found.slopes[number].append(slope)
-                found.found_in[number].add(fold)
+                slope = _slope(library.problem, learned, match, main.terms[number], held_out)
+                validation.slopes[number].append(slope)
+                validation.found_in[number].add(fold)
         open_in = _open(learned)
         for c, state in learned.states.items():
             channel = state.fixed.channel
-            mine = held[channel.cells][channel.block]
-            found.fold[channel.rows[mine]] = fold
-            found.variance[channel.rows[mine]] = open_in[c][mine]
-            found.after[channel.rows[mine]] = learned.prediction(c)[mine]
-            found.adopted[channel.rows[mine]] = learned.effect(c)[mine]
-            found.known[channel.rows[mine]] = learned.effect(c, known_alone=True)[mine]
+            mine = held_out[channel.cells][channel.block]
+            validation.fold[channel.rows[mine]] = fold
+            validation.variance[channel.rows[mine]] = open_in[c][mine]
+            validation.after[channel.rows[mine]] = learned.prediction(c)[mine]
+            validation.adopted[channel.rows[mine]] = learned.effect(c)[mine]
+            validation.known[channel.rows[mine]] = learned.effect(c, known_alone=True)[mine]
             for number, match in enumerate(matches):
                 if match is not None:
                     part = learned.effect(c, number=match)[mine]
-                    found.apart[number, channel.rows[mine]] = part
-    found.forward = _forward(library, splits, main, allowed, rivals)
-    return found
+                    validation.apart[number, channel.rows[mine]] = part
+    validation.forward = _forward(library, splits, main, allowed, rivals)
+    return validation
 
 
 def status_of(
@@ -226,8 +226,8 @@ def status_of(
     judged = [slope]
     if forward is not None and forward.information >= ABOVE_ZERO**2:
         judged.append(forward)
-    held = all(holds(s, evidence) for s in judged) and (inclusion or 0.0) >= OFTEN_FOUND
-    return Status.CONFIRMED if held else Status.SUSPECTED
+    is_stable = all(holds(s, evidence) for s in judged) and (inclusion or 0.0) >= OFTEN_FOUND
+    return Status.CONFIRMED if is_stable else Status.SUSPECTED
 
 
 def holds(slope: Slope, evidence: float) -> bool:
@@ -251,9 +251,9 @@ def _learned(
 ) -> Learned:
     if not main.terms:
         return learn(library.problem.states(train), [])
-    known = [term for term in main.terms if term.origin is not None]
-    count = len(main.terms) - len(known)
-    selector = Selector(library, train, allowed, 0.0, count, known)
+    adopted = [term for term in main.terms if term.origin is not None]
+    count = len(main.terms) - len(adopted)
+    selector = Selector(library, train, allowed, 0.0, count, adopted)
     stages = main.stages
     if any(term.candidate.of_setups for term in main.terms):
         # What all visits show of the instrument need not show in a part of them again.
@@ -266,16 +266,16 @@ def _as_stated(
     problem: Problem, terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals
 ) -> list[Term]:
     """State of two that begin alike the one that all visits together state, as it is adopted."""
-    stated = {
+    renamed = {
         rival.key: term
-        for term, own in zip(wanted, rivals, strict=True)
-        for rival, other in own
+        for term, rivals_of_term in zip(wanted, rivals, strict=True)
+        for rival, other in rivals_of_term
         if rival.tied and claims_less(term, other)
     }
-    found = {term.candidate.key for term in terms}
+    keys = {term.candidate.key for term in terms}
     return [
-        problem.term(stated[key].candidate, term.theta)
-        if (key := term.candidate.key) in stated and stated[key].candidate.key not in found
+        problem.term(renamed[key].candidate, term.theta)
+        if (key := term.candidate.key) in renamed and renamed[key].candidate.key not in keys
         else term
         for term in terms
     ]
@@ -302,12 +302,15 @@ def _as_all_say(
             continue
         # As large as these visits say that it is: other sizes have other columns.
         moved = problem.term(term.candidate, term.theta, terms[match].about)
-        known = {c: moved.columns[c] * moved.norms for c in term.columns}
-        own = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}
+        after = {c: moved.columns[c] * moved.norms for c in term.columns}
+        expected = {c: terms[match].columns[c] * terms[match].norms for c in term.columns}
         taught = {c: problem.fixed[c].channel for c in term.columns}
         rows = {c: train[channel.cells][channel.block] for c, channel in taught.items()}
-        if all(np.allclose(known[c][rows[c]], own[c][rows[c]], rtol=ALIKE, atol=0.0) for c in own):
-            columns = {c: known[c] / terms[match].norms for c in known}
+        if all(
+            np.allclose(after[c][rows[c]], expected[c][rows[c]], rtol=ALIKE, atol=0.0)
+            for c in expected
+        ):
+            columns = {c: after[c] / terms[match].norms for c in after}
             terms[match] = replace(terms[match], theta=term.theta, columns=columns, _moments={})
     return replace(learned, terms=terms)
 
@@ -327,18 +330,18 @@ def _open(learned: Learned) -> dict[int, FloatArray]:
 
 def _matches(terms: Sequence[Term], wanted: Sequence[Term], rivals: Rivals) -> list[int | None]:
     """Find the terms that a fold found in the place of each term; none serves for two."""
-    tied = [{rival.key for rival, _ in own if rival.tied} for own in rivals]
+    tied = [{rival.key for rival, _ in rivals_of_term if rival.tied} for rivals_of_term in rivals]
     pairs = sorted(
         (unlikeness, i, number)
         for number, term in enumerate(wanted)
         for i, other in enumerate(terms)
         if (unlikeness := _unlikeness(other, term, tied[number])) is not None
     )
-    found: list[int | None] = [None] * len(wanted)
+    matches: list[int | None] = [None] * len(wanted)
     for _, i, number in pairs:
-        if found[number] is None and i not in found:
-            found[number] = i
-    return found
+        if matches[number] is None and i not in matches:
+            matches[number] = i
+    return matches
 
 
 def _unlikeness(other: Term, term: Term, tied: Collection[str]) -> tuple[int, float] | None:
@@ -351,11 +354,13 @@ def _unlikeness(other: Term, term: Term, tied: Collection[str]) -> tuple[int, fl
     return (2, 0.0) if near and other.candidate.family == term.candidate.family else None
 
 
-def _slope(problem: Problem, learned: Learned, match: int, wanted: Term, held: BoolArray) -> Slope:
+def _slope(
+    problem: Problem, learned: Learned, match: int, wanted: Term, held_out: BoolArray
+) -> Slope:
     """Ask held-out visits how much of a term there is, by what they know of their zero."""
     keeps_zero = wanted.candidate.keeps_zero and learned.terms[match].candidate.keeps_zero
     slope = slope_from_same_zero if keeps_zero else calibration_slope
-    return slope(problem, learned, match, held)
+    return slope(problem, learned, match, held_out)
 
 
 def _forward(

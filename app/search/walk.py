@@ -36,12 +36,12 @@ AS_LIKELY_NONE: Final = _WEIGHTS / _WEIGHTS.sum()
 NEXT_TO_NOTHING: Final = 1e-6
 
 
-def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
+def walk_seen(residuals: FloatArray, visit: IntArray) -> FloatArray | None:
     """Say how probable one channel makes each size of scatter and of walk.
 
     Parameters
     ----------
-    left : ndarray, shape (n,)
+    residuals : ndarray, shape (n,)
         Residuals beside all terms, in repeatabilities.
     visit : ndarray, shape (n,)
         Numbers of their set-ups, growing with time.
@@ -51,14 +51,17 @@ def walk_seen(left: FloatArray, visit: IntArray) -> FloatArray | None:
     ndarray or None
         Probabilities that add up to one. None: fewer than four set-ups say nothing.
     """
-    levels = _levels(left, np.zeros(len(left)), visit)
+    levels = _levels(residuals, np.zeros(len(residuals)), visit)
     if len(levels) < FEWEST_SETUPS:
         return None
     return _probable(_fits(levels, np.ones((len(levels), 1))).restricted)
 
 
 def may_be_walk(
-    left: FloatArray, own: FloatArray, visit: IntArray, others: Sequence[FloatArray] = ()
+    residuals: FloatArray,
+    contribution: FloatArray,
+    visit: IntArray,
+    others: Sequence[FloatArray] = (),
 ) -> bool | None:
     """Judge whether a walk over set-ups leaves the sign of a term open.
 
@@ -69,9 +72,9 @@ def may_be_walk(
 
     Parameters
     ----------
-    left : ndarray, shape (n,)
+    residuals : ndarray, shape (n,)
         Residuals of one channel beside all other terms, in repeatabilities.
-    own : ndarray, shape (n,)
+    contribution : ndarray, shape (n,)
         What the term explains of them.
     visit : ndarray, shape (n,)
         Numbers of their set-ups, growing with time.
@@ -95,7 +98,7 @@ def may_be_walk(
     >>> may_be_walk(walk + noise, slope, visit)
     True
     """
-    levels = _levels(left, own, visit)
+    levels = _levels(residuals, contribution, visit)
     if len(levels) < FEWEST_SETUPS or np.ptp(levels[:, 1]) <= 0.0:
         return None
     fits = _fits(levels, np.column_stack([levels[:, 1], np.ones(len(levels))]))
@@ -106,8 +109,8 @@ def may_be_walk(
 
 def _probable(log: FloatArray) -> FloatArray:
     weights = np.exp(log - log.max())
-    found: FloatArray = weights / weights.sum()
-    return found
+    probability: FloatArray = weights / weights.sum()
+    return probability
 
 
 def _fits(levels: FloatArray, design: FloatArray) -> Fits:
@@ -119,24 +122,24 @@ def _fits(levels: FloatArray, design: FloatArray) -> Fits:
     return fitted(level, design, np.diag(1.0 / count) + scatter * np.eye(len(level)) + step * walk)
 
 
-def _levels(left: FloatArray, own: FloatArray, visit: IntArray) -> FloatArray:
+def _levels(residuals: FloatArray, contribution: FloatArray, visit: IntArray) -> FloatArray:
     """Give each set-up's level, the term's share of it, its observations, and its number, (m, 4).
 
     Along the term's own course over the places; where it is nothing, the plain mean. The zero
     walks in set-ups too in which the channel does not show.
     """
-    sign = 1.0 if own.sum() >= 0.0 else -1.0
-    nothing = NEXT_TO_NOTHING * float(np.abs(own).max(initial=0.0))
+    sign = 1.0 if contribution.sum() >= 0.0 else -1.0
+    nothing = NEXT_TO_NOTHING * float(np.abs(contribution).max(initial=0.0))
     numbers = np.unique(visit)
     groups = np.array_split(numbers, min(len(numbers), MOST_LEVELS))
-    found = []
+    level_rows = []
     for group in groups:
         here = np.isin(visit, group)
         count, number = float(here.sum()), float(np.mean(group))
-        size = float(np.linalg.norm(own[here]))
+        size = float(np.linalg.norm(contribution[here]))
         if size <= nothing * np.sqrt(count):
-            found.append((sign * float(left[here].mean()), 0.0, count, number))
+            level_rows.append((sign * float(residuals[here].mean()), 0.0, count, number))
         else:
-            along = float(left[here] @ own[here]) / size
-            found.append((along / np.sqrt(count), size / np.sqrt(count), count, number))
-    return np.array(found)
+            along = float(residuals[here] @ contribution[here]) / size
+            level_rows.append((along / np.sqrt(count), size / np.sqrt(count), count, number))
+    return np.array(level_rows)

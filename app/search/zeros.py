@@ -29,13 +29,13 @@ class UnknownZero:
 
 def unknown_zeros(rows: Rows) -> list[UnknownZero]:
     """List the rows that share each unknown zero of an instrument."""
-    found = []
+    zeros = []
     for (visit, channel), datum in rows.datum.items():
-        own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-        if own.size and datum is not Datum.ABSOLUTE:
-            ordered = own[np.argsort(rows.minutes[own], kind="stable")]
-            found.append(UnknownZero(ordered, datum is Datum.FIRST))
-    return found
+        of_zero = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+        if of_zero.size and datum is not Datum.ABSOLUTE:
+            ordered = of_zero[np.argsort(rows.minutes[of_zero], kind="stable")]
+            zeros.append(UnknownZero(ordered, datum is Datum.FIRST))
+    return zeros
 
 
 def without_zeros(zeros: Sequence[UnknownZero], values: FloatArray) -> FloatArray:
@@ -61,9 +61,9 @@ def without_zeros(zeros: Sequence[UnknownZero], values: FloatArray) -> FloatArra
     >>> without_zeros([UnknownZero(shared, True)], values).tolist()
     [0.0, 2.0, 7.0]
     """
-    found = values.copy()
+    shifted = values.copy()
     for zero in zeros:
-        known = zero.rows[~np.isnan(values[zero.rows])]
-        if known.size:
-            found[known] -= values[known[0]] if zero.is_first else values[known].mean()
-    return found
+        present = zero.rows[~np.isnan(values[zero.rows])]
+        if present.size:
+            shifted[present] -= values[present[0]] if zero.is_first else values[present].mean()
+    return shifted

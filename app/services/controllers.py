@@ -135,7 +135,7 @@ def _export_bands(
         asked = replace(question, temperatures_c=[band.at_c])
         table, whole = _error_table(context, machine_id, asked)
         one = export(controller, table, controller.for_band(options, i, before))
-        before += sum(len(held.sides) for held in one.held)
+        before += sum(len(held.sides) for held in one.loaded)
         tables.append(table)
         complete = complete and whole
         found.append(BandExport(band, f"band-{i + 1:02d}", one))
@@ -173,7 +173,7 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
             *joint.warnings,
             *dict.fromkeys(w for band in bands for w in band.found.warnings),
         ],
-        held=[],
+        loaded=[],
     )
 
 

@@ -132,7 +132,7 @@ def _courses(context: Context, live: LiveMachine) -> dict[str, Course]:
     record = live.readings.record(machine)
     found = {}
     for name, sensor in machine.sensors.items():
-        times_s, values = record.history.known(name)
+        times_s, values = record.history.series(name)
         ages_s = times_s - context.now().timestamp()
         recent, believed = ages_s >= -COURSE_S, record.are_believed(name)
         own, rejected = recent & believed, recent & ~believed

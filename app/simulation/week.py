@@ -89,5 +89,5 @@ def _together(visits: Sequence[Body]) -> Body:
 
 
 def _visits_of_week(campaign: Campaign) -> int:
-    asked = campaign.truth.observations
-    return int(asked.visit[asked.time_min < WEEK_MIN].max()) + 1
+    observations = campaign.truth.observations
+    return int(observations.visit[observations.time_min < WEEK_MIN].max()) + 1

@@ -115,7 +115,7 @@ class Message:
     """Whether it says only that something is over."""
 
 
-def alarm_message(told: Sequence[MachineNews], zone: tzinfo | None, link: str) -> Message:
+def alarm_message(news: Sequence[MachineNews], zone: tzinfo | None, link: str) -> Message:
     """Write one message of what is new of all machines, the worst first.
 
     Parameters
@@ -125,20 +125,22 @@ def alarm_message(told: Sequence[MachineNews], zone: tzinfo | None, link: str) -
     link
         Address of the service; empty for a message without links.
     """
-    ordered = sorted(told, key=lambda one: (one.is_over, one.state.gravity, one.name))
-    parts = ["\n".join(_lines(one, zone, link)) for one in ordered[:MOST_MACHINES]]
+    ordered = sorted(news, key=lambda item: (item.is_over, item.state.gravity, item.name))
+    parts = ["\n".join(_lines(item, zone, link)) for item in ordered[:MOST_MACHINES]]
     if len(ordered) > MOST_MACHINES:
         rest = counted(len(ordered) - MOST_MACHINES, "more machine")
         parts.append(f"… and {rest}" + (f": {link}/" if link else ""))
-    return Message(_title(ordered), "\n\n".join(parts) + "\n", all(one.is_over for one in ordered))
+    return Message(
+        _title(ordered), "\n\n".join(parts) + "\n", all(item.is_over for item in ordered)
+    )
 
 
 def trial_message(receiver: str, at: datetime, zone: tzinfo | None, link: str) -> Message:
     """Write what shows that messages arrive."""
     where = [f"{link}/"] if link else []
-    said = f"This is a test, asked for at {local_time(at, zone)}."
+    sentence = f"This is a test, asked for at {local_time(at, zone)}."
     rest = f"Alarms of machines will come to “{receiver}” like this."
-    return Message("thermap: test", "\n".join([said, rest, *where]) + "\n", is_good=True)
+    return Message("thermap: test", "\n".join([sentence, rest, *where]) + "\n", is_good=True)
 
 
 def local_time(time: datetime, zone: tzinfo | None) -> str:
@@ -156,33 +158,33 @@ def _title(ordered: Sequence[MachineNews]) -> str:
     first = ordered[0]
     if len(ordered) == 1:
         return f"thermap: {first.name} {_verdict(first)}"
-    counts = Counter(one.verdict for one in ordered)
-    said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    return f"thermap: {counted(len(ordered), 'machine')}: {said}"
+    counts = Counter(item.verdict for item in ordered)
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    return f"thermap: {counted(len(ordered), 'machine')}: {verdicts}"
 
 
-def _verdict(one: MachineNews) -> str:
-    match one.news:
+def _verdict(item: MachineNews) -> str:
+    match item.news:
         case News.LASTS:
-            return f"still {one.verdict}"
+            return f"still {item.verdict}"
         case News.PASSED:
-            return f"was {_VERDICTS[one.state.verdict]}, is {one.verdict}"
+            return f"was {_VERDICTS[item.state.verdict]}, is {item.verdict}"
         case _:
-            return one.verdict
+            return item.verdict
 
 
-def _lines(one: MachineNews, zone: tzinfo | None, link: str) -> Iterator[str]:
-    name = one.name if one.name == one.machine else f"{one.name} ({one.machine})"
-    since = local_time(one.since, zone)
-    if one.until is None:
-        yield f"{name}: {_verdict(one)}, since {since}"
-        yield from one.sentences
-        if one.state in WHAT_TO_DO:
-            yield f"To do: {WHAT_TO_DO[one.state]}."
+def _lines(item: MachineNews, zone: tzinfo | None, link: str) -> Iterator[str]:
+    name = item.name if item.name == item.machine else f"{item.name} ({item.machine})"
+    since = local_time(item.since, zone)
+    if item.until is None:
+        yield f"{name}: {_verdict(item)}, since {since}"
+        yield from item.sentences
+        if item.state in WHAT_TO_DO:
+            yield f"To do: {WHAT_TO_DO[item.state]}."
     else:
-        yield f"{name}: {_verdict(one)}"
-        words = _VERDICTS[one.state.verdict]
-        yield f"It was {words} from {since} to {local_time(one.until, zone)}:"
-        yield from one.sentences
+        yield f"{name}: {_verdict(item)}"
+        words = _VERDICTS[item.state.verdict]
+        yield f"It was {words} from {since} to {local_time(item.until, zone)}:"
+        yield from item.sentences
     if link:
-        yield f"{link}/machines/{quote(one.machine, safe='')}"
+        yield f"{link}/machines/{quote(item.machine, safe='')}"

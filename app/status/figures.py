@@ -22,24 +22,33 @@ _Values: TypeAlias = tuple[Component, FloatArray, FloatArray, FloatArray | None]
 
 def largest_of(values: Iterable[_Values]) -> Largest | None:
     """Find the largest value of components: of a displacement where there is one."""
-    found = [
-        (component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS), abs(own[at]), component, own[at], p, b)
+    candidates = [
+        (
+            component.kind in (Kind.LINEAR, Kind.STRAIGHTNESS),
+            abs(side[at]),
+            component,
+            side[at],
+            p,
+            b,
+        )
         for component, positions, *sides in values
-        for b, own in enumerate(sides)
-        if own is not None and own.size
-        for at in (int(np.abs(own).argmax()),)
+        for b, side in enumerate(sides)
+        if side is not None and side.size
+        for at in (int(np.abs(side).argmax()),)
         for p in (float(positions[at]) if component.is_table else None,)
     ]
-    if not found:
+    if not candidates:
         return None
-    _, _, component, value, position_mm, backward = max(found, key=lambda one: one[:2])
+    _, _, component, value, position_mm, backward = max(
+        candidates, key=lambda candidate: candidate[:2]
+    )
     return Largest.of(component, float(value), position_mm, is_backward=bool(backward))
 
 
 def list_beyond(table: CompensationTable) -> list[BeyondMaps]:
     """List the components outside their maps, and what going on in a line would add."""
     bases = {c.component.code: c.basis for c in table.components}
-    found = []
+    beyond = []
     for state in table.states:
         if state.status not in (Status.CLAMPED, Status.EXTRAPOLATED):
             continue
@@ -52,7 +61,7 @@ def list_beyond(table: CompensationTable) -> list[BeyondMaps]:
         if not members:
             continue
         is_held = state.status is Status.CLAMPED
-        found.append(
+        beyond.append(
             BeyondMaps(
                 sensor=state.sensor,
                 outside_k=outside_k(state.temperature_c, state.scale.temperatures_c),
@@ -63,7 +72,7 @@ def list_beyond(table: CompensationTable) -> list[BeyondMaps]:
                 lacks=_lacking(state, members) if is_held else None,
             )
         )
-    return sorted(found, key=lambda one: -abs(one.outside_k))
+    return sorted(beyond, key=lambda item: -abs(item.outside_k))
 
 
 def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
@@ -81,15 +90,15 @@ def change_per_h(
     if isinstance(table, ThermapError):
         return None
     with_effects = {code for effect in table.effects for code in effect.components}
-    found: list[_Values] = []
+    values: list[_Values] = []
     for state in table.states:
         rate = rates[state.sensor]
         members = [m for m in state.members if m.component.code not in with_effects]
         if rate is None or not members:
             continue
         per_h = 0.0 if state.status is Status.CLAMPED else rate / state.span_c
-        found += _of_difference(state, members, -per_h)
-    return largest_of(found)
+        values += _of_difference(state, members, -per_h)
+    return largest_of(values)
 
 
 def _of_difference(state: GroupState, members: Sequence[Member], share: float) -> Iterator[_Values]:
@@ -127,8 +136,8 @@ def excess_k(values_c: FloatArray, ends_c: Sequence[float]) -> FloatArray:
         Positive above the last map, negative below the first, else 0.
     """
     above, below = np.maximum(values_c - ends_c[-1], 0.0), np.minimum(values_c - ends_c[0], 0.0)
-    found: FloatArray = above + below
-    return found
+    excess: FloatArray = above + below
+    return excess
 
 
 def outside_k(temperature_c: float, ends_c: Sequence[float]) -> float:

@@ -467,7 +467,7 @@ def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[
         if group_state.status in (Status.CLAMPED, Status.EXTRAPOLATED):
             continue
         scale = group_state.scale
-        times, values = situation.record.believed.known(scale.sensor)
+        times, values = situation.record.believed.series(scale.sensor)
         excess = excess_k(values, scale.temperatures_c)
         recent = np.flatnonzero((excess != 0.0) & (times >= since_s))
         if recent.size:
@@ -638,7 +638,7 @@ def _rate_k_per_h(situation: Situation, state: SensorState) -> float | None:
     """How fast a sensor that is believed changes [K/h]."""
     if state.health is not Health.OK or situation.latest is None:
         return None
-    times, values = situation.record.believed.known(state.sensor)
+    times, values = situation.record.believed.series(state.sensor)
     recent = times >= situation.latest.timestamp() - LONGEST_S
     resolution_c = situation.model.machine.sensors[state.sensor].resolution_c
     return rate_k_per_h(times[recent], values[recent], resolution_c)
@@ -659,7 +659,7 @@ def _outside_since(
 ) -> datetime | None:
     """Since when a sensor has been outside the maps, as far back as readings or log reach."""
     scale = next(s.scale for s in table.states if s.sensor == one.sensor)
-    times, values = situation.record.believed.known(one.sensor)
+    times, values = situation.record.believed.series(one.sensor)
     inside = np.flatnonzero(excess_k(values, scale.temperatures_c) == 0.0)
     first = int(inside[-1]) + 1 if inside.size else 0
     if first >= times.size:
@@ -672,7 +672,7 @@ def _outside_since(
 
 def _failed_since(situation: Situation, sensor: str) -> datetime | None:
     """Since when a sensor has not been believed, as far back as readings or log reach."""
-    times, _ = situation.record.history.known(sensor)
+    times, _ = situation.record.history.series(sensor)
     are_believed = situation.record.are_believed(sensor)
     if not times.size or are_believed[-1]:
         return None

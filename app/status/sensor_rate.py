@@ -72,8 +72,8 @@ def rate_k_per_h(times_s: FloatArray, values_c: FloatArray, resolution_c: float)
 def _last(
     times_s: FloatArray, values_c: FloatArray, over_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    kept = times_s >= times_s[-1] - over_s
-    return times_s[kept], values_c[kept]
+    recent = times_s >= times_s[-1] - over_s
+    return times_s[recent], values_c[recent]
 
 
 def _scatter(times_s: FloatArray, values_c: FloatArray) -> float:

@@ -87,12 +87,12 @@ def keys_by_digest(session: Session) -> dict[str, StoredKey]:
     newest = select(*_SESSION).order_by(_SESSION.expires_at.desc()).limit(MOST_SESSIONS)
     for browser in session.execute(newest):
         if browser.key_id in by_number:
-            known = by_number[browser.key_id]
-            stored[browser.digest] = known._replace(expires_at=browser.expires_at)
+            long_key = by_number[browser.key_id]
+            stored[browser.digest] = long_key._replace(expires_at=browser.expires_at)
     return stored
 
 
-def confirm_authorization(session: Session, *, held: bool) -> None:
+def confirm_authorization(session: Session, *, locked: bool) -> None:
     """Refuse the request that is answered unless its key may still do what it asks.
 
     Once in a transaction, and after it has locked everything else: those who revoke keys lock the
@@ -100,7 +100,7 @@ def confirm_authorization(session: Session, *, held: bool) -> None:
 
     Parameters
     ----------
-    held
+    locked
         Whether the key cannot be revoked until the transaction ends: what is written and the
         revoking have an order then. SQLite has one writer at a time anyway.
 
@@ -111,21 +111,21 @@ def confirm_authorization(session: Session, *, held: bool) -> None:
     """
     authorization = asking.get()
     if authorization is not None and not session.info.get(_CONFIRMED):
-        confirm_one(session, authorization, held=held)
+        confirm_one(session, authorization, locked=locked)
         session.info[_CONFIRMED] = True
 
 
-def confirm_one(session: Session, authorization: Authorization, *, held: bool) -> None:
+def confirm_one(session: Session, authorization: Authorization, *, locked: bool) -> None:
     """Do the same for what was authorized otherwise than by the request that is answered."""
     digest = authorization.digest
     by_key = select(*_KEY).where(_KEY.digest == digest)
-    key = _key_of(session, by_key, held)
+    key = _key_of(session, by_key, locked)
     if key is None:
         number = select(_SESSION.key_id).where(_SESSION.digest == digest)
-        if held:
+        if locked:
             number = number.with_for_update(read=True, key_share=True)
         by_session = select(*_KEY).where(_KEY.id == session.scalar(number))
-        key = _key_of(session, by_session, held)
+        key = _key_of(session, by_session, locked)
     authorization.confirm(key)
 
 
@@ -173,7 +173,7 @@ def delete_key(session: Session, name: str) -> None:
     if number is None:
         names = session.scalars(select(_KEY.name).order_by(_KEY.name))
         raise UnknownThing(f"there is no key {name!r}; there are: {list_names(names)}")
-    confirm_authorization(session, held=True)  # it may be the key that asks
+    confirm_authorization(session, locked=True)  # it may be the key that asks
     session.execute(delete(BrowserSessionRow).where(BrowserSessionRow.key_id == number))
     session.execute(delete(AccessKeyRow).where(AccessKeyRow.id == number))
     tell(session, NewsKind.KEYS)
@@ -189,18 +189,18 @@ def unbind_machine(session: Session, machine_id: str) -> dict[str, bool]:
     """
     # JSON is not searched alike by both databases, and keys are few.
     limited = select(AccessKeyRow).order_by(AccessKeyRow.id).with_for_update()
-    found: dict[str, bool] = {}
+    is_deleted: dict[str, bool] = {}
     for row in session.scalars(limited).all():
         if not isinstance(row.machines, list) or machine_id not in row.machines:
             continue
         others = [other for other in row.machines if other != machine_id]
-        found[row.name] = not others
+        is_deleted[row.name] = not others
         if others:
             row.machines = others
             tell(session, NewsKind.KEYS)
         else:
             delete_key(session, row.name)
-    return found
+    return is_deleted
 
 
 def turn_of_admins(session: Session) -> list[str]:
@@ -225,8 +225,8 @@ def add_browser(
     Forgotten are those whose time is over and, beyond the limits, those that were opened first.
     """
     # Who states the same key waits: else both would find room for one more.
-    held = select(*_KEY).where(_KEY.digest == key_digest).with_for_update(key_share=True)
-    row = session.execute(held).one_or_none()
+    locked = select(*_KEY).where(_KEY.digest == key_digest).with_for_update(key_share=True)
+    row = session.execute(locked).one_or_none()
     key = None if row is None else readable_key(row)
     if key is None or not key.role.includes(Role.VIEWER):
         return None
@@ -252,8 +252,8 @@ def _delete_browsers(session: Session, digests: Sequence[str]) -> None:
         session.execute(delete(BrowserSessionRow).where(_SESSION.digest.in_(some)))
 
 
-def _key_of(session: Session, query: Select[Any], held: bool) -> AccessKey | None:
-    if held:
+def _key_of(session: Session, query: Select[Any], locked: bool) -> AccessKey | None:
+    if locked:
         query = query.with_for_update(read=True, key_share=True)
     row = session.execute(query).one_or_none()
     return None if row is None else readable_key(row)
@@ -272,7 +272,9 @@ def _key_from(
     created_at: datetime,
     last_used_at: datetime | None,
 ) -> AccessKey | None:
-    is_list = isinstance(machines, list) and all(isinstance(one, str) for one in machines)
+    is_list = isinstance(machines, list) and all(
+        isinstance(machine_id, str) for machine_id in machines
+    )
     if role not in list(Role) or not (machines is None or (is_list and machines)):
         return None
     chosen = None if machines is None else tuple(machines)

@@ -235,7 +235,7 @@ def analyses_not_adopted(session: Session) -> dict[str, NotAdopted]:
         .where(AnalysisRow.status == AnalysisStatus.DONE)
         .order_by(AnalysisRow.id)
     )
-    latest = {machine: found for machine, *found in session.execute(query)}
+    latest = {machine: row for machine, *row in session.execute(query)}
     return {
         machine: NotAdopted(number, tuple(effects), needs_analysis=adopted_version is not None)
         for machine, (number, effects, adopted_version) in latest.items()

@@ -107,8 +107,8 @@ def write_backup(database_url: str, file: Path) -> BackupContents:
             _give_name(part, file)
         finally:
             database.close()
-            for left in (part, *(Path(f"{part}{end}") for end in ("-wal", "-shm", "-journal"))):
-                left.unlink(missing_ok=True)
+            for remnant in (part, *(Path(f"{part}{end}") for end in ("-wal", "-shm", "-journal"))):
+                remnant.unlink(missing_ok=True)
         return BackupContents(counts, file.stat().st_size)
 
 
@@ -152,9 +152,9 @@ def restore_backup(
                 for table in tables:
                     _copy_rows(source, target, table)
                 keys = restore_keys(source, target, before, with_keys=with_keys)
-                given = _last_numbers(source)
-                given[KEYS] = max(given[KEYS], _last_numbers(target)[KEYS])
-                _continue_numbers(target, given)
+                numbers = _last_numbers(source)
+                numbers[KEYS] = max(numbers[KEYS], _last_numbers(target)[KEYS])
+                _continue_numbers(target, numbers)
                 note_restored_keys(target, keys, datetime.now(UTC))
         finally:
             database.close()
@@ -173,10 +173,10 @@ def check_backup(file: Path) -> int:
         size_bytes = file.stat().st_size
         with file.open("rb") as opened:
             digest = hashlib.sha256()
-            left = max(size_bytes - SEAL_BYTES, 0)
-            while left and (read := opened.read(min(1 << 20, left))):
+            remaining = max(size_bytes - SEAL_BYTES, 0)
+            while remaining and (read := opened.read(min(1 << 20, remaining))):
                 digest.update(read)
-                left -= len(read)
+                remaining -= len(read)
             seal = opened.read()
     except OSError as error:
         raise InvalidContent(f"{file} cannot be read: {error.strerror}") from error
@@ -220,10 +220,10 @@ def _copy_server(database: Database, part: Path) -> None:
     try:
         upgrade(target)
         with database.snapshot() as source, target.migrating() as connection:
-            found = check_not_newer(source, f"the database {database.name}")
-            if found != newest_revision():
+            revision = check_not_newer(source, f"the database {database.name}")
+            if revision != newest_revision():
                 raise Conflict(
-                    f"the database {database.name} is of an older thermap (revision {found}): "
+                    f"the database {database.name} is of an older thermap (revision {revision}): "
                     "start `thermap serve` once, which upgrades it, or use the older one"
                 )
             for table in Base.metadata.sorted_tables:
@@ -252,13 +252,13 @@ def _numbered() -> list[Table]:
 def _last_numbers(source: Connection) -> dict[str, int]:
     """Say which number of each numbered table was given last, also where its row is gone."""
     on_sqlite = source.dialect.name == "sqlite"
-    given = source.execute(text("SELECT name, seq FROM sqlite_sequence")) if on_sqlite else ()
-    last: dict[str, int] = {row.name: row.seq for row in given}
+    rows = source.execute(text("SELECT name, seq FROM sqlite_sequence")) if on_sqlite else ()
+    last: dict[str, int] = {row.name: row.seq for row in rows}
     for table in _numbered():
         in_table = source.execute(select(func.max(table.c.id))).scalar_one() or 0
         if not on_sqlite:
-            asked = text(f"SELECT last_value FROM {table.name}_id_seq WHERE is_called")
-            last[table.name] = source.execute(asked).scalar() or 0
+            last_value = text(f"SELECT last_value FROM {table.name}_id_seq WHERE is_called")
+            last[table.name] = source.execute(last_value).scalar() or 0
         last[table.name] = max(in_table, last.get(table.name, 0))
     return last
 
@@ -316,9 +316,9 @@ def _checked(part: Path) -> dict[str, int]:
     """Count what is in a new backup, once SQLite has looked through all of it."""
     with _opened(part) as connection:
         for pragma in ("integrity_check", "foreign_key_check"):
-            found = connection.exec_driver_sql(f"PRAGMA {pragma}").all()
-            if found not in ([], [("ok",)]):
-                raise StorageUnavailable(f"the database is damaged: {pragma} found {found[:3]}")
+            answer = connection.exec_driver_sql(f"PRAGMA {pragma}").all()
+            if answer not in ([], [("ok",)]):
+                raise StorageUnavailable(f"the database is damaged: {pragma} found {answer[:3]}")
         return _counts(connection)
 
 

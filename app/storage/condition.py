@@ -58,16 +58,16 @@ def damage(database: Database) -> list[str]:
     """List what SQLite finds wrong when it reads all of a file; a server looks after itself."""
     if not database.is_sqlite:
         return []
-    found: list[str] = []
+    problems: list[str] = []
     with database.reading(UNLIMITED) as session:
         for pragma in ("integrity_check", "foreign_key_check"):
             rows = session.connection().exec_driver_sql(f"PRAGMA {pragma}").all()
-            found += [
+            problems += [
                 " ".join(map(str, row)) if pragma == "integrity_check" else f"{row[0]}: {row[2]}"
                 for row in rows
                 if tuple(row) != ("ok",)
             ]
-    return found
+    return problems
 
 
 def space(database: Database) -> Space:

@@ -78,10 +78,10 @@ class Database:
 
     def __init__(self, url: str, limits: Limits | None = None, *, may_be_new: bool = True) -> None:
         self._limits = limits or Limits()
-        made = _connections(_parse(url), self._limits, may_be_new=may_be_new)
-        self._connections = made
-        self.engine = made.engine
-        self._file = made.file if isinstance(made, SqliteConnections) else None
+        connections = _connections(_parse(url), self._limits, may_be_new=may_be_new)
+        self._connections = connections
+        self.engine = connections.engine
+        self._file = connections.file if isinstance(connections, SqliteConnections) else None
         self._writer = None if self._file is None else Lock()
         self.sender = token_hex(4)
         """By which its own news are known."""
@@ -103,7 +103,7 @@ class Database:
         engine = self._limited(limits)
         with _as_storage_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
-            confirm_authorization(session, held=False)
+            confirm_authorization(session, locked=False)
 
     @contextmanager
     def writing(self, limits: Limits | None = None) -> Iterator[Session]:
@@ -120,14 +120,14 @@ class Database:
         with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
-                confirm_authorization(session, held=True)
+                confirm_authorization(session, locked=True)
                 log_changes = number_entries(session)
-                told = send_pending(session, self.sender)
+                sent = send_pending(session, self.sender)
             if self._file is not None:
                 self._file.check()  # else it is committed to a file that nobody will find
             if log_changes:
                 self.note_log_change()
-        if NewsKind.KEYS in told:
+        if NewsKind.KEYS in sent:
             self.on_keys_changed()
 
     def note_log_change(self) -> None:
@@ -142,10 +142,10 @@ class Database:
 
         `appends_at_once` of a process at a time; it waits for a lock for a second at most.
         """
-        made = self._connections
-        if isinstance(made, SqliteConnections):
+        connections = self._connections
+        if isinstance(connections, SqliteConnections):
             raise TypeError("SQLite has no such connection: all writers share one lock")
-        with _as_storage_errors(), made.kept.writing() as connection:
+        with _as_storage_errors(), connections.kept.writing() as connection:
             yield connection
 
     @property

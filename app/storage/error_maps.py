@@ -89,9 +89,9 @@ def stored_map(row: ErrorMapRow) -> StoredMap:
     return StoredMap(row.id, error_map, row.stored_at)
 
 
-def same_content(one: ErrorMap, other: ErrorMap) -> bool:
+def same_content(first: ErrorMap, other: ErrorMap) -> bool:
     """Whether two maps say the same, bit for bit; the order of components does not count."""
-    return _facts(one) == _facts(other) and _bits(one.tables.values()) == _bits(
+    return _facts(first) == _facts(other) and _bits(first.tables.values()) == _bits(
         other.tables.values()
     )
 
@@ -163,8 +163,8 @@ def _bits_of_uncertainty(covariance: FloatArray | None) -> bytes:
     """Compare what answers show: the root of a variance, squared, is not always the variance."""
     if covariance is None:
         return b""
-    shown = without_zeros(covariance)
-    return (standard_errors_of(shown) if shown.ndim == 1 else shown).tobytes()
+    uncertainty = without_zeros(covariance)
+    return (standard_errors_of(uncertainty) if uncertainty.ndim == 1 else uncertainty).tobytes()
 
 
 def measured_times(session: Session, machine_id: str) -> list[datetime]:

@@ -101,11 +101,11 @@ def end_all_passing(session: Session, machine_id: str, now: datetime) -> None:
 
 def lasting_details(session: Session) -> dict[tuple[str, EventKind], dict[str, dict[str, Any]]]:
     """Give what has come and not gone, by machine and kind: each subject with its details."""
-    found: dict[tuple[str, EventKind], dict[str, dict[str, Any]]] = {}
+    details: dict[tuple[str, EventKind], dict[str, dict[str, Any]]] = {}
     for row in session.scalars(select(EventRow).where(*_LASTS)):
         if row.machine_id is not None:
-            found.setdefault((row.machine_id, EventKind(row.kind)), {})[row.subject] = row.details
-    return found
+            details.setdefault((row.machine_id, EventKind(row.kind)), {})[row.subject] = row.details
+    return details
 
 
 def lasting_since(session: Session) -> dict[str, Logged]:
@@ -115,14 +115,14 @@ def lasting_since(session: Session) -> dict[str, Logged]:
     since when it lasts now is not known.
     """
     columns = (EventRow.machine_id, EventRow.kind, EventRow.subject, EventRow.time)
-    found: dict[str, tuple[dict[str, datetime], dict[str, datetime]]] = {}
+    since: dict[str, tuple[dict[str, datetime], dict[str, datetime]]] = {}
     for machine_id, kind, subject, time in session.execute(
         select(*columns).where(*_LASTS, EventRow.count == 1)
     ):
         if machine_id is not None:
-            states, sensors = found.setdefault(machine_id, ({}, {}))
+            states, sensors = since.setdefault(machine_id, ({}, {}))
             (states if kind == EventKind.ALARM else sensors)[subject] = time
-    return {machine_id: Logged(*times) for machine_id, times in found.items()}
+    return {machine_id: Logged(*times) for machine_id, times in since.items()}
 
 
 def lasting_events(session: Session) -> list[Event]:
@@ -141,12 +141,12 @@ class NumberedAlarm(NamedTuple):
 def alarms_since(session: Session, number: int, ids: Collection[int]) -> list[NumberedAlarm]:
     """List alarms that last, those whose entry has a larger number, and some by their id."""
     of_interest = or_(EventRow.number > number, EventRow.id.in_(ids))
-    found: dict[int, NumberedAlarm] = {}
+    alarms: dict[int, NumberedAlarm] = {}
     for condition in (and_(*_LASTS), of_interest):
         query = select(EventRow).where(condition, EventRow.kind == str(EventKind.ALARM))
         for row in session.scalars(query):
-            found[row.id] = NumberedAlarm(row.number or 0, _event(row))
-    return [found[i] for i in sorted(found)]
+            alarms[row.id] = NumberedAlarm(row.number or 0, _event(row))
+    return [alarms[i] for i in sorted(alarms)]
 
 
 def newest_number(session: Session) -> int:

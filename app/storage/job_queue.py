@@ -40,13 +40,13 @@ def prepare_queue(connection: Connection) -> None:
     )
     if made_by is not None and made_by >= newest:
         return
-    made = resources.files("procrastinate.sql").joinpath("schema.sql").read_text("utf-8")
+    schema = resources.files("procrastinate.sql").joinpath("schema.sql").read_text("utf-8")
     connection.exec_driver_sql(f"DROP SCHEMA IF EXISTS {SCHEMA} CASCADE")
     connection.exec_driver_sql(f"CREATE SCHEMA {SCHEMA}")
     with _in_schema(connection):
         # The driver's own: SQLAlchemy would read placeholders in it.
         driver: Any = connection.connection.driver_connection
-        driver.execute(made)
+        driver.execute(schema)
     connection.exec_driver_sql(f"COMMENT ON SCHEMA {SCHEMA} IS '{newest}'")
 
 
@@ -90,11 +90,11 @@ def queue_connector(database: Database, most: int) -> PsycopgConnector:
     from app.storage.postgresql import APPLICATION_NAME, CONNECT_TIMEOUT_S
 
     engine = database.engine
-    _, stated = engine.dialect.create_connect_args(engine.url)
-    options = f"{stated.pop('options', '')} -c search_path={SCHEMA}".strip()
+    _, arguments = engine.dialect.create_connect_args(engine.url)
+    options = f"{arguments.pop('options', '')} -c search_path={SCHEMA}".strip()
     return PsycopgConnector(
         kwargs={
-            **stated,
+            **arguments,
             "options": options,
             "application_name": APPLICATION_NAME,
             "connect_timeout": CONNECT_TIMEOUT_S,

@@ -56,10 +56,10 @@ def insert_machine(session: Session, machine: Machine, now: datetime) -> StoredM
     return stored_machine(row)
 
 
-def find_machine(session: Session, machine_id: str, held: RowLock | None = None) -> MachineRow:
+def find_machine(session: Session, machine_id: str, row_lock: RowLock | None = None) -> MachineRow:
     """Find a machine's row, and hold it until the transaction ends."""
     can_be = "\0" not in machine_id  # PostgreSQL cannot even be asked for it
-    lock: Any = None if held is None else held.clause
+    lock: Any = None if row_lock is None else row_lock.clause
     row = session.get(MachineRow, machine_id, with_for_update=lock) if can_be else None
     if row is None:
         existing = session.scalars(select(MachineRow.id).order_by(MachineRow.id).limit(20)).all()

@@ -45,12 +45,12 @@ def upgrade(database: Database) -> Upgraded:
     with database.migrating() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:k)"), {"k": UPGRADE_LOCK})
-        found = check_not_newer(connection, f"the database {database.name}")
-        if found != newest:
+        revision = check_not_newer(connection, f"the database {database.name}")
+        if revision != newest:
             command.upgrade(alembic_config(connection), "head")
         if connection.dialect.name == "postgresql":
             prepare_queue(connection)
-    return Upgraded(found, newest)
+    return Upgraded(revision, newest)
 
 
 def newest_revision() -> str:
@@ -73,13 +73,13 @@ def check_not_newer(connection: Connection, what: str) -> str | None:
     StorageTooNew
         If this version does not know it.
     """
-    found = current_revision(connection)
-    if found is not None and found not in _known_revisions():
+    revision = current_revision(connection)
+    if revision is not None and revision not in _known_revisions():
         raise StorageTooNew(
-            f"{what} was written by a newer thermap (its revision is {found}, the newest known "
+            f"{what} was written by a newer thermap (its revision is {revision}, the newest known "
             f"here is {newest_revision()}): install that version, or give another one"
         )
-    return found
+    return revision
 
 
 def current_revision(connection: Connection) -> str | None:

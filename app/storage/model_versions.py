@@ -102,20 +102,20 @@ def list_versions(session: Session, machine_id: str) -> list[ModelVersion]:
         .where(ModelVersionRow.machine_id == machine_id)
         .order_by(ModelVersionRow.version)
     )
-    known: dict[int, StoredMap] = {}
-    return [_model_version(row, known) for row in session.scalars(query)]
+    maps: dict[int, StoredMap] = {}
+    return [_model_version(row, maps) for row in session.scalars(query)]
 
 
-def _model_version(row: ModelVersionRow, known: dict[int, StoredMap]) -> ModelVersion:
-    """Read a row; `known` keeps the maps that versions share from being made again."""
+def _model_version(row: ModelVersionRow, maps: dict[int, StoredMap]) -> ModelVersion:
+    """Read a row; `maps` keeps the maps that versions share from being made again."""
     for map_row in row.maps:
-        if map_row.id not in known:
-            known[map_row.id] = stored_map(map_row)
+        if map_row.id not in maps:
+            maps[map_row.id] = stored_map(map_row)
     return ModelVersion(
         version=row.version,
         created_at=row.created_at,
         reason=row.reason,
         assignment=row.assignment,
         effects=row.effects,
-        maps=[known[map_row.id] for map_row in row.maps],
+        maps=[maps[map_row.id] for map_row in row.maps],
     )

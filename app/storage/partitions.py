@@ -38,8 +38,8 @@ def is_partition(table: str) -> bool:
 
 def months_made(connection: Connection) -> list[datetime]:
     """List the months that have a partition, by their beginning."""
-    found = [_NAME.fullmatch(name) for name in connection.scalars(_PARTITIONS)]
-    return [datetime(int(m[1]), int(m[2]), 1, tzinfo=UTC) for m in found if m is not None]
+    matches = [_NAME.fullmatch(name) for name in connection.scalars(_PARTITIONS)]
+    return [datetime(int(m[1]), int(m[2]), 1, tzinfo=UTC) for m in matches if m is not None]
 
 
 def make_months(connection: Connection, now: datetime) -> list[datetime]:

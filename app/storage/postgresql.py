@@ -25,7 +25,7 @@ from app.storage.news import CHANNEL, News, read_payload
 
 CONNECT_TIMEOUT_S: Final = 5
 
-_HELD: Final = (
+_HOLDS_LOCK: Final = (
     "SELECT EXISTS (SELECT FROM pg_locks WHERE locktype = 'advisory' AND granted "
     "AND pid = pg_backend_pid() AND objid = %(number)s)"
 )
@@ -144,8 +144,8 @@ class Listener:
         with self._giving_up():
             self._connection.answer_s = None  # it is nobody's turn to answer
             came = list(self._connection.notifies(timeout=within_s, stop_after=1))
-            told = [read_payload(one.payload) for one in came]
-        return [known[0] for known in told if known is not None and known[1] != self._sender]
+            news = [read_payload(notification.payload) for notification in came]
+        return [heard[0] for heard in news if heard is not None and heard[1] != self._sender]
 
     def ping(self) -> None:
         """Ask something, to see that the connection lives; StorageUnavailable where it does not."""
@@ -188,13 +188,13 @@ class Duty:
         try:
             if self._connection is None:
                 self._connection = self._connect()
-            held = self._connection.execute(_HELD, {"number": self._number}).fetchone()
-            if held is None or not held[0]:
-                held = self._connection.execute(_TAKE, {"number": self._number}).fetchone()
+            row = self._connection.execute(_HOLDS_LOCK, {"number": self._number}).fetchone()
+            if row is None or not row[0]:
+                row = self._connection.execute(_TAKE, {"number": self._number}).fetchone()
         except psycopg.Error:
             self.lay_down()
             return False
-        return held is not None and bool(held[0])
+        return row is not None and bool(row[0])
 
     def lay_down(self) -> None:
         """Let another one have it."""
@@ -303,8 +303,8 @@ class PostgresqlConnections:
             connect_args=_connect_args(url, limits),
         )
         # The driver looks at the options only when it connects, where nobody expects a mistake.
-        stated = engine.dialect.create_connect_args(url)[1]
-        make_conninfo(**{name: one for name, one in stated.items() if name != "context"})
+        arguments = engine.dialect.create_connect_args(url)[1]
+        make_conninfo(**{name: value for name, value in arguments.items() if name != "context"})
         event.listen(engine, "do_connect", self._connect)
         event.listen(engine, "begin", partial(_begin, limits))
         event.listen(engine, "checkin", _checkin)
@@ -343,8 +343,8 @@ class PostgresqlConnections:
 
 
 def _connect_args(url: URL, limits: Limits) -> dict[str, Any]:
-    stated = url.query.get("options", "")
-    options = f"{_options(limits)} {stated if isinstance(stated, str) else ' '.join(stated)}"
+    from_url = url.query.get("options", "")
+    options = f"{_options(limits)} {from_url if isinstance(from_url, str) else ' '.join(from_url)}"
     return {**_GIVE_UP, "application_name": APPLICATION_NAME, "options": options.strip()}
 
 
@@ -353,8 +353,8 @@ def _begin(usual: Limits, connection: Connection) -> None:
     driver: Any = connection.connection.driver_connection
     driver.answer_s = _answer_s(limits)
     if limits is not usual:
-        stated = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
-        connection.exec_driver_sql(stated)
+        settings = "; ".join(f"SET LOCAL {name} = {ms}" for name, ms in _stated_ms(limits))
+        connection.exec_driver_sql(settings)
 
 
 def _answer_s(limits: Limits) -> float | None:

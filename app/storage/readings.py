@@ -121,8 +121,8 @@ def insert_readings(
     if session.get_bind().dialect.name == "sqlite":
         added = _insert_one_by_one(session, readings)
     else:
-        found = session.connection().exec_driver_sql(_ADD, _stated(readings)).all()
-        new = {machine_id: (numbers, times) for machine_id, numbers, times in found}
+        rows = session.connection().exec_driver_sql(_ADD, _parameters(readings)).all()
+        new = {machine_id: (numbers, times) for machine_id, numbers, times in rows}
         added = {m: _added(readings[m], *new.get(m, (None, None))) for m in readings}
     for machine_id, came in added.items():
         if came.numbers:
@@ -163,23 +163,23 @@ def readings_inserted(
             rows = hold_machines(session, readings)
             added = insert_readings(session, {m: readings[m] for m in rows})
             for authorization in asked_by:
-                confirm_one(session, authorization, held=True)
+                confirm_one(session, authorization, locked=True)
             yield {
                 m: HeldMachine(row.created_at, row.revision, row.withdrawals, added[m])
                 for m, row in rows.items()
             }
         return
-    stated = _stated(readings) | told_of(NewsKind.READINGS, database.sender)
+    parameters = _parameters(readings) | told_of(NewsKind.READINGS, database.sender)
     with database.appending() as connection:
-        held = connection.execute(
-            _HOLD_AND_ADD_NEW if are_new else _HOLD_AND_ADD, stated
+        answer_rows = connection.execute(
+            _HOLD_AND_ADD_NEW if are_new else _HOLD_AND_ADD, parameters
         ).fetchall()
         if asked_by:
-            digests = {"digests": sorted({one.digest for one in asked_by})}
+            digests = {"digests": sorted({asker.digest for asker in asked_by})}
             confirm_held(asked_by, connection.execute(HOLD_KEYS, digests))
         yield {
             m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))
-            for m, born, revision, withdrawals, numbers, times, _ in held
+            for m, born, revision, withdrawals, numbers, times, _ in answer_rows
         }
 
 
@@ -207,7 +207,7 @@ def _insert_one_by_one(
     }
 
 
-def _stated(readings: Mapping[str, Sequence[Reading]]) -> dict[str, Any]:
+def _parameters(readings: Mapping[str, Sequence[Reading]]) -> dict[str, Any]:
     """Write what the statements on PostgreSQL are handed: all rows in one JSON document.
 
     To write values, or arrays of them, costs this end three times as much. Which times are new
@@ -243,14 +243,14 @@ def find_readings(
     session: Session, machine_id: str, times: Sequence[datetime]
 ) -> dict[datetime, Reading]:
     """Find readings by their exact times."""
-    found: dict[datetime, Reading] = {}
+    by_time: dict[datetime, Reading] = {}
     for start in range(0, len(times), BATCH):
         query = select(ReadingRow).where(
             ReadingRow.machine_id == machine_id,
             ReadingRow.time.in_(times[start : start + BATCH]),
         )
-        found.update((row.time, _reading(row)) for row in session.scalars(query))
-    return found
+        by_time.update((row.time, _reading(row)) for row in session.scalars(query))
+    return by_time
 
 
 def list_readings(
@@ -315,24 +315,24 @@ def recent_readings(
         .order_by(ReadingRow.time.desc())
         .execution_options(yield_per=1000)
     )
-    found: list[Reading] = []
+    recent: list[Reading] = []
     unseen = dict.fromkeys(sensors, LAST)
     beyond = 0
     with session.scalars(query) as rows:
         for row in rows:
             reading = _reading(row)
-            if found and found[0].time - reading.time > window:
+            if recent and recent[0].time - reading.time > window:
                 beyond += 1
                 if not unseen or beyond > SEARCHED:
                     break
                 if unseen.keys().isdisjoint(reading.temperatures_c):
                     continue
-            found.append(reading)
+            recent.append(reading)
             for name in unseen.keys() & reading.temperatures_c.keys():
                 unseen[name] -= 1
                 if not unseen[name]:
                     del unseen[name]
-    return found[::-1]
+    return recent[::-1]
 
 
 def readings_after(session: Session, machine_id: str, time: datetime, limit: int) -> list[Reading]:
@@ -388,12 +388,12 @@ def withdraw_stored(
 
     They move to a table of their own; how many is returned.
     """
-    kept = (ReadingRow.id, ReadingRow.machine_id, ReadingRow.time)
+    identity = (ReadingRow.id, ReadingRow.machine_id, ReadingRow.time)
     content = (ReadingRow.temperatures_c, ReadingRow.state)
     between = (ReadingRow.machine_id == machine.id, ReadingRow.time.between(since, until))
     at = literal(now, WithdrawnReadingRow.withdrawn_at.type)
-    names = [column.key for column in (*kept, *content)]
-    moved = select(*kept, *content, at).where(*between)
+    names = [column.key for column in (*identity, *content)]
+    moved = select(*identity, *content, at).where(*between)
     session.connection().execute(
         insert(WithdrawnReadingRow).from_select([*names, "withdrawn_at"], moved)
     )

@@ -57,8 +57,8 @@ class StoredReceiver:
     @property
     def is_test_due(self) -> bool:
         """Whether a test message was asked for and not sent yet."""
-        asked, tested = self.test_asked_at, self.tested_at
-        return asked is not None and (tested is None or tested < asked)
+        requested_at, tested = self.test_asked_at, self.tested_at
+        return requested_at is not None and (tested is None or tested < requested_at)
 
 
 def stored_receivers(session: Session) -> dict[str, StoredReceiver]:

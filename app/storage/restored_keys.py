@@ -132,5 +132,5 @@ def _keep_to_machines(target: Connection, before: KeysBefore) -> list[str]:
 
 
 def _machines(connection: Connection) -> dict[str, datetime]:
-    found = connection.execute(select(MachineRow.id, MachineRow.created_at))
-    return {row.id: row.created_at for row in found}
+    rows = connection.execute(select(MachineRow.id, MachineRow.created_at))
+    return {row.id: row.created_at for row in rows}

@@ -51,13 +51,13 @@ class SqliteFile:
     def _found(self) -> tuple[int, int]:
         """Identify the file that has the name now."""
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except OSError as error:
             raise StorageUnavailable(
                 f"the database is away: its file {self.path} was deleted or moved "
                 f"({error.strerror})"
             ) from error
-        return found.st_dev, found.st_ino
+        return status.st_dev, status.st_ino
 
 
 class SqliteConnections:

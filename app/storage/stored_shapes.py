@@ -64,8 +64,8 @@ class StoredShape(Generic[Shape]):
         InvalidContent
             If a newer version wrote it, or something of it is missing or wrong.
         """
-        own = dict(stored)
-        version = own.pop(VERSION_FIELD, 0)
+        fields = dict(stored)
+        version = fields.pop(VERSION_FIELD, 0)
         if version > self.version:
             raise InvalidContent(
                 f"expected {self._what} of shape {self.version} or older, got {version}: a newer "
@@ -73,16 +73,16 @@ class StoredShape(Generic[Shape]):
             )
         try:
             for upgrade in self._upgrades[version:]:
-                own = upgrade(own)
-            return self._adapter.validate_python(own)
+                fields = upgrade(fields)
+            return self._adapter.validate_python(fields)
         except (KeyError, TypeError) as error:
             raise InvalidContent(
                 f"expected {self._what} as it was stored: {error} is missing or of another type"
             ) from None
         except ValidationError as error:
             wrong = "; ".join(
-                f"{'.'.join(map(str, one['loc']))}: {one['msg']}"
-                for one in error.errors()[:MOST_NAMED]
+                f"{'.'.join(map(str, detail['loc']))}: {detail['msg']}"
+                for detail in error.errors()[:MOST_NAMED]
             )
             raise InvalidContent(f"expected {self._what} as it was stored: {wrong}") from None
 

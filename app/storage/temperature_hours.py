@@ -65,7 +65,7 @@ def bins_of_readings(
         Only those with a number up to this one, or above it; of the latter there should be few.
     """
     dialect = session.get_bind().dialect.name
-    stated: dict[str, Any] = {
+    parameters: dict[str, Any] = {
         "machine": machine_id,
         "since": _bound(since, dialect),
         "until": _bound(until, dialect),
@@ -73,13 +73,13 @@ def bins_of_readings(
     }
     where = _BY_TIME
     if up_to is not None:
-        where, stated["up_to"] = f"{_BY_TIME} AND r.id <= :up_to", up_to
+        where, parameters["up_to"] = f"{_BY_TIME} AND r.id <= :up_to", up_to
     if above is not None:
-        where, stated["above"] = _BY_NUMBER[dialect], above
+        where, parameters["above"] = _BY_NUMBER[dialect], above
     rows: dict[str, list[Sequence[Any]]] = defaultdict(list)
-    for sensor, *parts in session.execute(text(_BINS[dialect].format(where=where)), stated):
+    for sensor, *parts in session.execute(text(_BINS[dialect].format(where=where)), parameters):
         rows[sensor].append((*map(float, parts), 0.0))
-    return {sensor: np.array(found) for sensor, found in rows.items()}
+    return {sensor: np.array(bins) for sensor, bins in rows.items()}
 
 
 def _bound(time: datetime, dialect: str) -> Any:
@@ -101,22 +101,22 @@ def bin_hour(session: Session, machine_id: str, hour: datetime, up_to: int) -> N
     up_to
         Readings with larger numbers are left for later.
     """
-    found = bins_of_readings(session, machine_id, hour, hour + HOUR, MINUTE_S, up_to=up_to)
+    by_sensor = bins_of_readings(session, machine_id, hour, hour + HOUR, MINUTE_S, up_to=up_to)
     session.execute(
         delete(TemperatureHourRow).where(
             TemperatureHourRow.machine_id == machine_id, TemperatureHourRow.hour == hour
         )
     )
-    if not found:
+    if not by_sensor:
         return
     session.add(
         TemperatureHourRow(
             machine_id=machine_id,
             hour=hour,
             is_stale=False,
-            minutes={sensor: len(bins) for sensor, bins in found.items()},
-            whole=np.concatenate([merge_bins(b, 3600.0) for b in found.values()]).ravel(),
-            bins=np.concatenate([*found.values()]).ravel(),
+            minutes={sensor: len(bins) for sensor, bins in by_sensor.items()},
+            whole=np.concatenate([merge_bins(b, 3600.0) for b in by_sensor.values()]).ravel(),
+            bins=np.concatenate([*by_sensor.values()]).ravel(),
         )
     )
 
@@ -148,17 +148,17 @@ def binned_hours(
         )
         .order_by(TemperatureHourRow.hour)
     )
-    found: dict[str, list[FloatArray]] = defaultdict(list)
+    pieces: dict[str, list[FloatArray]] = defaultdict(list)
     for minutes, flat in session.execute(query):
         bins = flat.reshape(-1, PARTS)
         place = 0
         for sensor, count in minutes.items():
             taken = 1 if whole else count
             if sensor in sensors:
-                found[sensor].append(bins[place : place + taken])
+                pieces[sensor].append(bins[place : place + taken])
             place += taken
     return {
-        sensor: np.concatenate(found[sensor]) if sensor in found else no_bins()
+        sensor: np.concatenate(pieces[sensor]) if sensor in pieces else no_bins()
         for sensor in sensors
     }
 
@@ -170,10 +170,10 @@ def hours_written_between(
     query = select(ReadingRow.machine_id, ReadingRow.time).where(
         ReadingRow.id > above, ReadingRow.id <= until
     )
-    found: dict[str, set[datetime]] = defaultdict(set)
+    hours: dict[str, set[datetime]] = defaultdict(set)
     for machine_id, time in session.execute(query):
-        found[machine_id].add(hour_of(time))
-    return found
+        hours[machine_id].add(hour_of(time))
+    return hours
 
 
 def stale_hours(session: Session, most: int) -> Mapping[str, Collection[datetime]]:
@@ -183,10 +183,10 @@ def stale_hours(session: Session, most: int) -> Mapping[str, Collection[datetime
         .where(TemperatureHourRow.is_stale.is_(True))
         .limit(most)
     )
-    found: dict[str, set[datetime]] = defaultdict(set)
+    hours: dict[str, set[datetime]] = defaultdict(set)
     for machine_id, hour in session.execute(query):
-        found[machine_id].add(hour)
-    return found
+        hours[machine_id].add(hour)
+    return hours
 
 
 def mark_stale(session: Session, machine_id: str, since: datetime, until: datetime) -> None:

@@ -122,8 +122,8 @@ def first_observation(session: Session, machine_id: str) -> datetime | None:
 def observed_spans(session: Session, machine_id: str) -> list[tuple[datetime, datetime]]:
     """Give the first and the last time of each of a machine's verifications."""
     query = select(VerificationRow.first_at, VerificationRow.last_at)
-    found = session.execute(query.where(VerificationRow.machine_id == machine_id))
-    return [(first, last) for first, last in found]
+    spans = session.execute(query.where(VerificationRow.machine_id == machine_id))
+    return [(first, last) for first, last in spans]
 
 
 def stored_verification(row: VerificationRow) -> StoredVerification:
@@ -208,11 +208,11 @@ def shared_observations(row: VerificationRow, verification: Verification) -> int
     What they state of the machine and in which set-up they were made does not matter: whoever
     copies a file may name it anew.
     """
-    own = _row(row.machine_id, verification)
-    if not np.isin(own.times_s, row.times_s).any():
+    stored = _row(row.machine_id, verification)
+    if not np.isin(stored.times_s, row.times_s).any():
         return 0
     there = set(_compared(row))
-    return sum(one in there for one in _compared(own))
+    return sum(observation in there for observation in _compared(stored))
 
 
 def _compared(row: VerificationRow) -> list[tuple[str, bytes]]:
@@ -222,19 +222,19 @@ def _compared(row: VerificationRow) -> list[tuple[str, bytes]]:
     # 0 and −0 are one number; all NaN are one.
     together = np.nan_to_num(np.hstack(numbers), nan=np.inf, posinf=np.inf) + 0.0
     names = [row.components[int(i)] for i in row.component]
-    return [(name, one.tobytes()) for name, one in zip(names, together, strict=True)]
+    return [(name, array.tobytes()) for name, array in zip(names, together, strict=True)]
 
 
 def _row(machine_id: str, verification: Verification) -> VerificationRow:
-    asked = verification.observations
-    names = {o.component or POINTS for o in asked}
+    observations = verification.observations
+    names = {o.component or POINTS for o in observations}
     components = sorted(names, key=lambda name: ORDER.get(name, len(ORDER)))
     number = {name: i for i, name in enumerate(components)}
-    state_names = sorted({name for o in asked for name in o.state})
-    refuse_many_states(len(state_names), len(asked))
-    setup_names = sorted({o.setup for o in asked if o.setup is not None})
+    state_names = sorted({name for o in observations for name in o.state})
+    refuse_many_states(len(state_names), len(observations))
+    setup_names = sorted({o.setup for o in observations if o.setup is not None})
     setups: dict[str | None, float] = {name: float(i) for i, name in enumerate(setup_names)}
-    times_s = np.array([o.time_s for o in asked])
+    times_s = np.array([o.time_s for o in observations])
     return VerificationRow(
         machine_id=machine_id,
         label=verification.label,
@@ -244,18 +244,20 @@ def _row(machine_id: str, verification: Verification) -> VerificationRow:
         operator=verification.operator,
         first_at=datetime.fromtimestamp(times_s.min(), UTC),
         last_at=datetime.fromtimestamp(times_s.max(), UTC),
-        observations=len(asked),
+        observations=len(observations),
         components=components,
         state_names=state_names,
         times_s=times_s,
-        component=np.array([number[o.component or POINTS] for o in asked], dtype=float),
-        measured=np.array([(*o.measured, np.nan, np.nan)[:3] for o in asked]),
-        points_mm=np.array([o.point_mm or _single(o.position_mm) for o in asked]),
-        tool_offsets_mm=np.array([o.tool_offset_mm for o in asked], dtype=float),
-        directions=np.array([o.directions for o in asked], dtype=float),
-        states=np.array([[o.state.get(n, np.nan) for n in state_names] for o in asked]),
+        component=np.array([number[o.component or POINTS] for o in observations], dtype=float),
+        measured=np.array([(*o.measured, np.nan, np.nan)[:3] for o in observations]),
+        points_mm=np.array([o.point_mm or _single(o.position_mm) for o in observations]),
+        tool_offsets_mm=np.array([o.tool_offset_mm for o in observations], dtype=float),
+        directions=np.array([o.directions for o in observations], dtype=float),
+        states=np.array([[o.state.get(n, np.nan) for n in state_names] for o in observations]),
         setup_names=setup_names,
-        setup=np.array([setups.get(o.setup, np.nan) for o in asked]) if setup_names else None,
+        setup=np.array([setups.get(o.setup, np.nan) for o in observations])
+        if setup_names
+        else None,
     )
 
 
@@ -274,5 +276,5 @@ def _triple(numbers: Sequence[float]) -> Triple:
 
 
 def _in_threes(flat: FloatArray) -> list[list[float]]:
-    found: list[list[float]] = flat.reshape(-1, 3).tolist()
-    return found
+    points: list[list[float]] = flat.reshape(-1, 3).tolist()
+    return points

@@ -15,7 +15,9 @@ def _with_correlated_setups(stored: Fields) -> Fields:
     What it knew of the scatter is taken for each correlation; the correlation is learnt from
     now on.
     """
-    return stored | {"streams": {key: _tracked(one) for key, one in stored["streams"].items()}}
+    return stored | {
+        "streams": {key: _tracked(stream) for key, stream in stored["streams"].items()}
+    }
 
 
 def _tracked(stream: Fields) -> Fields:
@@ -31,14 +33,14 @@ def _tracked(stream: Fields) -> Fields:
     return {
         "unchanged": track,
         "learnt": track,
-        "likelihoods": [known for known in stream["setups"] for _ in CORRELATIONS],
+        "likelihoods": [likelihood for likelihood in stream["setups"] for _ in CORRELATIONS],
         **{key: stream[key] for key in ("process", "value", "expected")},
     }
 
 
 def _with_expected_squares(stored: Fields) -> Fields:
     """Go on from a state that did not know what scatter was stated: nothing contradicts it yet."""
-    noise = {key: one | {"expected": one["squares"]} for key, one in stored["noise"].items()}
+    noise = {key: entry | {"expected": entry["squares"]} for key, entry in stored["noise"].items()}
     return stored | {"noise": noise}
 
 

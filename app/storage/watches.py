@@ -92,11 +92,11 @@ def watched_machines(session: Session) -> dict[str, Watched]:
         (MachineRow.id == WatchRow.machine_id)
         & (MachineRow.active_version == WatchRow.model_version),
     )
-    found = {}
+    watched = {}
     for machine_id, version, status, figures in session.execute(query).all():
         since = _beyond_since(session, machine_id, version) if status == "beyond" else None
-        found[machine_id] = Watched(status, since, _read_figures(figures))
-    return found
+        watched[machine_id] = Watched(status, since, _read_figures(figures))
+    return watched
 
 
 def _read_figures(stored: Any) -> WatchFigures | None:
@@ -123,7 +123,7 @@ def write_watch(
     if row is None:
         row = WatchRow(machine_id=machine_id, model_version=model_version)
         session.add(row)
-    known = "within" if state.streams else NOT_JUDGED
-    row.status = known if state.beyond_since_s is None else "beyond"
+    judged = "within" if state.streams else NOT_JUDGED
+    row.status = judged if state.beyond_since_s is None else "beyond"
     row.state = WATCH_STATES.fields(state)
     row.updated_at = now

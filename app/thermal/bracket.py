@@ -138,13 +138,13 @@ def find_bracket(
     )
 
 
-def limited(found: Bracket, limits: tuple[float, float]) -> Bracket:
+def limited(bracket: Bracket, limits: tuple[float, float]) -> Bracket:
     """Stop an extrapolation where it grows too uncertain: further out the value there is held."""
     low, high = limits
-    if low <= found.weight <= high:
-        return found
-    weight = min(max(found.weight, low), high)
-    return Bracket(found.lower, weight, Status.CLAMPED, is_limited=True)
+    if low <= bracket.weight <= high:
+        return bracket
+    weight = min(max(bracket.weight, low), high)
+    return Bracket(bracket.lower, weight, Status.CLAMPED, is_limited=True)
 
 
 def find_brackets(
@@ -183,23 +183,25 @@ def find_brackets(
     number = np.full(t.shape, NUMBERS[Status.INTERPOLATED], dtype=np.int8)
     number[(t == t_n) | (t == t_m)] = NUMBERS[Status.AT_MAP]
     is_refused = np.zeros(t.shape, dtype=np.bool_)
-    for own, pair, end in (
+    for beyond, pair, end in (
         (np.flatnonzero(t < scale[0]), 0, 0),
         (np.flatnonzero(t > scale[-1]), last, -1),
     ):
-        if not own.size:
+        if not beyond.size:
             continue
-        wanted = weight[own]
+        wanted = weight[beyond]
         low, high = 0.0, 1.0
         if policy is OutOfRange.EXTRAPOLATE:
             low, high = limits(pair)
-            is_refused[own] = np.abs(t[own] - scale[end]) > margin_c
+            is_refused[beyond] = np.abs(t[beyond] - scale[end]) > margin_c
             margin = margin_c / (scale[pair + 1] - scale[pair])
-            weight[own] = np.where(is_refused[own], np.clip(wanted, -margin, 1.0 + margin), wanted)
+            weight[beyond] = np.where(
+                is_refused[beyond], np.clip(wanted, -margin, 1.0 + margin), wanted
+            )
         elif policy is OutOfRange.REJECT:
-            is_refused[own] = True
-        weight[own] = np.clip(weight[own], low, high)
-        goes_on = weight[own] == wanted
-        number[own[goes_on]] = NUMBERS[Status.EXTRAPOLATED]
-        number[own[~goes_on]] = NUMBERS[Status.CLAMPED]
+            is_refused[beyond] = True
+        weight[beyond] = np.clip(weight[beyond], low, high)
+        goes_on = weight[beyond] == wanted
+        number[beyond[goes_on]] = NUMBERS[Status.EXTRAPOLATED]
+        number[beyond[~goes_on]] = NUMBERS[Status.CLAMPED]
     return Brackets(lower, weight, number, is_refused)

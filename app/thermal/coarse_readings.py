@@ -120,9 +120,9 @@ def looking_back(
     known_c = np.concatenate([((level[:-1] + level[1:]) / 2.0)[is_seen], turned[is_open]])
     order = np.argsort(known_s, kind="stable")
     inside = np.clip(times_s, known_s[order[0]], known_s[order[-1]])
-    found = PchipInterpolator(known_s[order], known_c[order])(inside)
-    found = np.clip(found, temperatures_c - step / 2.0, temperatures_c + step / 2.0)
-    return Coarse(step, found, stay.astype(np.intp))
+    fitted = PchipInterpolator(known_s[order], known_c[order])(inside)
+    fitted = np.clip(fitted, temperatures_c - step / 2.0, temperatures_c + step / 2.0)
+    return Coarse(step, fitted, stay.astype(np.intp))
 
 
 def _rates(step: float, lasted_s: FloatArray, is_open: BoolArray) -> FloatArray:

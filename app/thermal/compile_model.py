@@ -118,13 +118,13 @@ class _Rows:
 class _Part:
     """One component over its states: columns of the matrix to be.
 
-    `own`, of the shape of the rows, says which positions are a state's own.
+    `measured`, of the shape of the rows, says which positions are a state's own.
     """
 
     component: Component
     positions_mm: FloatArray
     ranges_mm: FloatArray
-    own: BoolArray
+    measured: BoolArray
     forward: _Rows
     backward: _Rows | None
 
@@ -188,9 +188,9 @@ def _bring_together(
         component=COMPONENTS[code],
         positions_mm=positions,
         ranges_mm=ranges,
-        own=np.array(
+        measured=np.array(
             [
-                _own(state, positions, backward[i] if backward else {}, states)
+                _measured_here(state, positions, backward[i] if backward else {}, states)
                 for i, state in enumerate(states)
             ]
         ),
@@ -232,40 +232,40 @@ def _backward_sources(
             }
     if not reversals:
         return None
-    known = sorted(reversals)
-    found = []
+    with_reversal = sorted(reversals)
+    by_state = []
     for i, state in enumerate(states):
         sources = _means(i, state)
-        for j, share in _states_around(i, known, scale_c):
+        for j, share in _states_around(i, with_reversal, scale_c):
             for source, coefficient in reversals[j].items():
                 sources[source] = sources.get(source, 0.0) + share * coefficient
-        found.append({source: c for source, c in sources.items() if c != 0.0})
+        by_state.append({source: c for source, c in sources.items() if c != 0.0})
     lacking = [f"'{state.label}'" for i, state in enumerate(states) if i not in reversals]
     if lacking:
-        having = [f"'{states[i].label}'" for i in known]
+        having = [f"'{states[i].label}'" for i in with_reversal]
         notes.append(
             f"{code} has no backward errors in {list_names(lacking)}: the reversal of "
             f"{list_names(having)} holds there{_beyond_reversals(states, reversals)}"
         )
-    return found
+    return by_state
 
 
-def _beyond_reversals(states: Sequence[_State], known: Collection[int]) -> str:
+def _beyond_reversals(states: Sequence[_State], with_reversal: Collection[int]) -> str:
     """Say where the reversal was measured, if maps that lack it reach further."""
     ranges = np.array([common_range(state.tables) for state in states])
-    lacking = [i for i in range(len(states)) if i not in known]
-    low, high = ranges[list(known), 0].max(), ranges[list(known), 1].min()
+    lacking = [i for i in range(len(states)) if i not in with_reversal]
+    low, high = ranges[list(with_reversal), 0].max(), ranges[list(with_reversal), 1].min()
     if ranges[lacking, 0].min() >= low and ranges[lacking, 1].max() <= high:
         return ""
     return f", measured from {from_to_mm(low, high)} only: beyond that what it is at its ends holds"
 
 
 def _states_around(
-    i: int, known: Sequence[int], scale_c: Sequence[float]
+    i: int, measured: Sequence[int], scale_c: Sequence[float]
 ) -> list[tuple[int, float]]:
     """Find the known states around a state on the scale, each with its share."""
-    below = [j for j in known if j <= i]
-    above = [j for j in known if j >= i]
+    below = [j for j in measured if j <= i]
+    above = [j for j in measured if j >= i]
     if not below or not above or below[-1] == above[0]:
         return [(below[-1] if below else above[0], 1.0)]
     low, high = below[-1], above[0]
@@ -273,7 +273,7 @@ def _states_around(
     return [(low, 1.0 - share), (high, share)]
 
 
-def _own(
+def _measured_here(
     state: _State, positions_mm: FloatArray, sources: _Sources, states: Sequence[_State]
 ) -> BoolArray:
     """Say at which positions a state's lines bend; one without dependence takes all."""
@@ -281,8 +281,8 @@ def _own(
     if not np.isfinite(low):
         return np.ones(max(positions_mm.size, 1), dtype=np.bool_)
     tables = [*state.tables, *(states[i].tables[k] for i, k, _ in sources)]
-    found: BoolArray = np.isin(positions_mm, united_positions(tables))
-    return found & (positions_mm >= low) & (positions_mm <= high)
+    measured: BoolArray = np.isin(positions_mm, united_positions(tables))
+    return measured & (positions_mm >= low) & (positions_mm <= high)
 
 
 def _check_common_ranges(
@@ -293,13 +293,13 @@ def _check_common_ranges(
         for lower, upper in pairwise(scale.rows):
             low, high = common_range_of_rows(part.ranges_mm, (lower, upper))
             if low >= high:
-                one, other = (
+                first, other = (
                     f"{states[row].label!r} ({from_to_mm(*part.ranges_mm[row])})"
                     for row in (lower, upper)
                 )
                 raise Conflict(
                     f"expected maps that follow each other in the temperature of {scale.sensor} "
-                    f"to share a range of positions of {code}, got {one} and {other}: between "
+                    f"to share a range of positions of {code}, got {first} and {other}: between "
                     "their temperatures there would be no table"
                 )
 
@@ -324,18 +324,18 @@ def _combined(
             table = states[i].tables[k]
             value = value + coefficient * sample_table(table, positions, backward=backward)
             if source not in sampled:
-                found = sample_variances(table, positions, backward=backward)
-                sampled[source] = np.full(n, np.nan) if found is None else found
+                of_source = sample_variances(table, positions, backward=backward)
+                sampled[source] = np.full(n, np.nan) if of_source is None else of_source
             # Maps, and the two directions of one, are measured independently.
             variance = variance + coefficient**2 * sampled[source]
         values.append(value)
         variances.append(variance)
     covariances = {}
-    for one, other in neighbours:
-        shared = of_states[one].keys() & of_states[other].keys()
+    for first, other in neighbours:
+        shared = of_states[first].keys() & of_states[other].keys()
         if shared:
-            covariances[one, other] = np.sum(
-                [of_states[one][s] * of_states[other][s] * sampled[s] for s in sorted(shared)],
+            covariances[first, other] = np.sum(
+                [of_states[first][s] * of_states[other][s] * sampled[s] for s in sorted(shared)],
                 axis=0,
             )
     return _Rows(np.array(values), np.array(variances), covariances)
@@ -347,24 +347,24 @@ def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Sc
     A stand-in is usable where every map states its temperature and its maps are
     further apart than it resolves; otherwise it cannot serve.
     """
-    found = []
+    scales = []
     for candidate in machine.with_stand_ins(sensor):
         temperatures = [state.temperatures_c.get(candidate.name) for state in states]
-        known = [t for t in temperatures if t is not None]
-        if len(known) < len(states):
+        measured = [t for t in temperatures if t is not None]
+        if len(measured) < len(states):
             continue
-        rows = np.argsort(known, kind="stable")
-        ordered = tuple(float(known[row]) for row in rows)
+        rows = np.argsort(measured, kind="stable")
+        ordered = tuple(float(measured[row]) for row in rows)
         gaps = np.diff(ordered)
         if candidate.name == sensor or candidate.resolves(float(gaps.min())):
-            found.append(Scale(candidate.name, ordered, tuple(int(row) for row in rows)))
-    return tuple(found)
+            scales.append(Scale(candidate.name, ordered, tuple(int(row) for row in rows)))
+    return tuple(scales)
 
 
 def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_Part]) -> Group:
     """Set the tables of one group side by side."""
     columns: list[_Rows] = []
-    own: list[BoolArray] = []
+    measured: list[BoolArray] = []
     members: list[Member] = []
     width = 0
     for part in parts:
@@ -373,7 +373,7 @@ def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_
         backward = None if part.backward is None else slice(width + n, width + 2 * n)
         directions = [part.forward] if part.backward is None else [part.forward, part.backward]
         columns += directions
-        own += [part.own] * len(directions)
+        measured += [part.measured] * len(directions)
         width += n * len(directions)
         members.append(
             member_of(part.component, part.positions_mm, forward, backward, part.ranges_mm)
@@ -382,15 +382,15 @@ def _group(scales: tuple[Scale, ...], labels: tuple[str, ...], parts: Sequence[_
     variances = np.hstack([rows.variances for rows in columns])
     for matrix in (nodes, variances):
         matrix.flags.writeable = False
-    known = not np.isnan(variances).all()
-    pairs = sorted({pair for rows in columns for pair in rows.covariances}) if known else []
+    has_variances = not np.isnan(variances).all()
+    pairs = sorted({pair for rows in columns for pair in rows.covariances}) if has_variances else []
     return Group(
         scales,
         labels,
         tuple(members),
         nodes,
-        np.hstack(own),
-        variances if known else None,
+        np.hstack(measured),
+        variances if has_variances else None,
         {
             pair: np.hstack(
                 [rows.covariances.get(pair, np.zeros(rows.values.shape[1])) for rows in columns]

@@ -85,7 +85,7 @@ class CompiledModel:
         if not self.groups:
             raise NotEnoughMaps(self.why_nothing())
         stale_c = stale_c or {}
-        found = []
+        states = []
         missing = []
         for group in self.groups:
             scale = group.usable_scale(temperatures_c)
@@ -94,14 +94,14 @@ class CompiledModel:
             if scale is None:
                 missing.append(group)
             else:
-                found.append(self.group_at(group, scale, source[scale.sensor]))
+                states.append(self.group_at(group, scale, source[scale.sensor]))
         if missing:
             errors = [
                 FieldError(f"temperatures_c.{group.sensor}", self._expected_sensor(group))
                 for group in missing
             ]
             raise SensorUnavailable("; ".join(e.message for e in errors), errors)
-        return found
+        return states
 
     def group_at(self, group: Group, scale: Scale, temperature_c: float) -> GroupState:
         """Interpolate one group on one of its sensors' scales; OutsideMaps as `bracket`."""
@@ -137,7 +137,7 @@ class CompiledModel:
         """
         machine = self.machine
         try:
-            found = find_bracket(
+            bracket = find_bracket(
                 scale.temperatures_c,
                 temperature_c,
                 machine.out_of_range,
@@ -147,12 +147,12 @@ class CompiledModel:
             message = f"{scale.sensor} ({list_names(group.codes)}): {error.detail}"
             blamed = FieldError(f"temperatures_c.{scale.sensor}", message)
             raise OutsideMaps(message, [blamed]) from None
-        if found.status is Status.EXTRAPOLATED:
-            return limited(found, weight_limits(machine, group, scale, found.lower))
+        if bracket.status is Status.EXTRAPOLATED:
+            return limited(bracket, weight_limits(machine, group, scale, bracket.lower))
         # A stand-in is said unless something graver is to be said.
-        if scale is not group.scales[0] and found.status in (Status.INTERPOLATED, Status.AT_MAP):
-            return found._replace(status=Status.STAND_IN)
-        return found
+        if scale is not group.scales[0] and bracket.status in (Status.INTERPOLATED, Status.AT_MAP):
+            return bracket._replace(status=Status.STAND_IN)
+        return bracket
 
     def brackets(self, group: Group, scale: Scale, temperatures_c: FloatArray) -> Brackets:
         """Find a group's two maps at n temperatures of a sensor: as `bracket`, all at once.
@@ -168,7 +168,7 @@ class CompiledModel:
             What `bracket` would refuse is marked.
         """
         machine = self.machine
-        found = find_brackets(
+        brackets = find_brackets(
             scale.temperatures_c,
             temperatures_c,
             machine.out_of_range,
@@ -177,8 +177,8 @@ class CompiledModel:
         )
         if scale is not group.scales[0]:
             for plain in (Status.INTERPOLATED, Status.AT_MAP):
-                found.number[found.number == NUMBERS[plain]] = NUMBERS[Status.STAND_IN]
-        return found
+                brackets.number[brackets.number == NUMBERS[plain]] = NUMBERS[Status.STAND_IN]
+        return brackets
 
     def _variances(self, maps: MapsInUse, scale: Scale, bracket: Bracket) -> FloatArray | None:
         w = bracket.weight

@@ -28,12 +28,12 @@ ROUNDING: Final = 1e-9
 """A difference of two correlations that is none."""
 
 
-def pearson_r(one: FloatArray, other: FloatArray) -> float:
+def pearson_r(first: FloatArray, other: FloatArray) -> float:
     """Compute Pearson's correlation of two quantities, both of which vary.
 
     Parameters
     ----------
-    one, other : ndarray, shape (n,)
+    first, other : ndarray, shape (n,)
         Paired values, at least two, neither all equal [any unit].
 
     Returns
@@ -46,7 +46,7 @@ def pearson_r(one: FloatArray, other: FloatArray) -> float:
     >>> pearson_r(np.array([20.0, 24.0, 30.0]), np.array([1.0, -1.0, -4.0]))
     -1.0
     """
-    return float(np.clip(_standardized(one) @ _standardized(other), -1.0, 1.0))
+    return float(np.clip(_standardized(first) @ _standardized(other), -1.0, 1.0))
 
 
 def _standardized(values: FloatArray) -> FloatArray:

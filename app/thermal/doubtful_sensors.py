@@ -85,15 +85,15 @@ def doubtful_sensors(history: TemperatureHistory) -> list[DoubtfulSensor]:
     if len(names) < FEWEST_SENSORS or not history.times_s.size:
         return []
     starts_s, means = _blocks(history, names)
-    found = []
+    doubts = []
     for i, name in enumerate(names):
-        known = ~np.isnan(means[:, i])
-        moved = _own_movement(means[known], i)
+        present = ~np.isnan(means[:, i])
+        moved = _own_movement(means[present], i)
         usable = ~np.isnan(moved)
-        change = _change(starts_s[known][usable], moved[usable])
+        change = _change(starts_s[present][usable], moved[usable])
         if change is not None:
-            found.append(DoubtfulSensor(name, *change))
-    return found
+            doubts.append(DoubtfulSensor(name, *change))
+    return doubts
 
 
 def without_doubtful(
@@ -106,7 +106,7 @@ def without_doubtful(
     TemperatureHistory
         The same times, NaN there.
     """
-    since_s = {one.sensor: one.since_s for one in doubtful}
+    since_s = {doubt.sensor: doubt.since_s for doubt in doubtful}
     return TemperatureHistory(
         history.times_s,
         {
@@ -121,9 +121,9 @@ def _blocks(history: TemperatureHistory, names: Sequence[str]) -> tuple[FloatArr
     hours = np.floor(history.times_s / BLOCK_S)
     first = np.flatnonzero(np.concatenate([[True], np.diff(hours) > 0]))
     values = np.column_stack([history.temperatures_c[name] for name in names])
-    known = ~np.isnan(values)
-    sums = np.add.reduceat(np.where(known, values, 0.0), first, axis=0)
-    counts = np.add.reduceat(known.astype(float), first, axis=0)
+    present = ~np.isnan(values)
+    sums = np.add.reduceat(np.where(present, values, 0.0), first, axis=0)
+    counts = np.add.reduceat(present.astype(float), first, axis=0)
     means = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
     return hours[first] * BLOCK_S, means
 
@@ -136,9 +136,9 @@ def _own_movement(means: FloatArray, sensor: int) -> FloatArray:
         return np.full(len(means), np.nan)
     apart = apart - np.nanmedian(apart, axis=0)
     enough = (~np.isnan(apart)).sum(axis=1) >= FEWEST_SENSORS - 1
-    found = np.full(len(means), np.nan)
-    found[enough] = np.nanmedian(apart[enough], axis=1)
-    return found
+    movement = np.full(len(means), np.nan)
+    movement[enough] = np.nanmedian(apart[enough], axis=1)
+    return movement
 
 
 def _change(starts_s: FloatArray, moved: FloatArray) -> tuple[float, float, float] | None:

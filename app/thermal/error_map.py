@@ -66,8 +66,8 @@ def impossible_error(component: Component | None, errors: ArrayLike) -> str:
     >>> impossible_error(COMPONENTS["EBX"], [0.0, -12500.0])[:55]
     'expected errors within ±10000 µrad, got -12500 µrad: is'
     """
-    stated, largest = np.atleast_1d(np.asarray(errors, dtype=float)), largest_error(component)
-    worst = float(stated[np.abs(stated).argmax()])
+    values, largest = np.atleast_1d(np.asarray(errors, dtype=float)), largest_error(component)
+    worst = float(values[np.abs(values).argmax()])
     if abs(worst) <= largest:
         return ""
     unit = (Unit.UM if component is None else component.unit).symbol
@@ -95,14 +95,14 @@ def positions_for_errors(positions_mm: ArrayLike, errors_um: ArrayLike) -> str:
     >>> positions_for_errors([0.0, 500.0, 1000.0], [0.3, 499.8, 1000.4])
     ''
     """
-    positions, errors = (np.asarray(stated, dtype=float) for stated in (positions_mm, errors_um))
+    positions, errors = (np.asarray(values, dtype=float) for values in (positions_mm, errors_um))
     span = float(np.ptp(positions)) if positions.size else 0.0
     if span < SHORTEST_WAY_MM:
         return ""
     along, across = positions - positions.mean(), errors - errors.mean()
     slope = float(along @ across) / float(along @ along) / UM_PER_MM
-    left = across - slope * UM_PER_MM * along
-    follows = abs(slope) > 0.5 and float(left @ left) < 0.01 * float(across @ across)
+    residual = across - slope * UM_PER_MM * along
+    follows = abs(slope) > 0.5 and float(residual @ residual) < 0.01 * float(across @ across)
     is_in_mm = (
         span >= SHORTEST_IN_MM
         and positions.size > 2
@@ -172,8 +172,8 @@ class ComponentTable:
             frozen(positions_mm),
             frozen(errors),
             *(
-                None if stated is None else frozen(stated)
-                for stated in (backward_errors, covariance, backward_covariance)
+                None if values is None else frozen(values)
+                for values in (backward_errors, covariance, backward_covariance)
             ),
         )
 
@@ -193,9 +193,9 @@ class ComponentTable:
                 f"expected {self.backward_field} of {self.component.code} beside it, got none",
             )
         for name in ("covariance", "backward_covariance"):
-            stated = getattr(self, name)
-            if stated is not None:
-                check_covariance(self.component, name, stated, self.errors.size)
+            covariance = getattr(self, name)
+            if covariance is not None:
+                check_covariance(self.component, name, covariance, self.errors.size)
 
     @property
     def standard_errors(self) -> FloatArray | None:

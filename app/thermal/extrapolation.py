@@ -33,19 +33,19 @@ def weight_limits(machine: Machine, group: Group, scale: Scale, lower: int) -> t
     The live reading's own q, which has a weight of 1 everywhere, is left out on both sides.
     """
     key = (scale, lower)
-    found = group.limits.get(key)
-    if found is None:
+    cached = group.limits.get(key)
+    if cached is None:
         maps = group.maps_in_use(*scale.rows[lower : lower + 2])
         slopes = slope_variances(
             maps, scale.span_c(lower), machine.sensor(scale.sensor).resolution_c
         )
         ratio = machine.extrapolation_error_ratio
         limits = [_weight_limits(maps, member, slopes, ratio) for member in maps.members]
-        found = group.limits[key] = (
+        cached = group.limits[key] = (
             max(low for low, _ in limits),
             min(high for _, high in limits),
         )
-    return found
+    return cached
 
 
 def variances_at(
@@ -74,12 +74,12 @@ def variances_at(
     v_n, v_m, w = maps.variances[0], maps.variances[-1], weight
     if w in (0.0, 1.0):
         return v_m
-    found: FloatArray = (1.0 - w) ** 2 * v_n + w**2 * v_m
+    variances: FloatArray = (1.0 - w) ** 2 * v_n + w**2 * v_m
     if maps.covariances is not None:
-        found += 2.0 * w * (1.0 - w) * maps.covariances
+        variances += 2.0 * w * (1.0 - w) * maps.covariances
     if not 0.0 < w < 1.0:
-        found += 2.0 * w * (w - 1.0) * slope_variances(maps, span_c, resolution_c)
-    return found
+        variances += 2.0 * w * (w - 1.0) * slope_variances(maps, span_c, resolution_c)
+    return variances
 
 
 def slope_variances(maps: MapsInUse, span_c: float, resolution_c: float) -> FloatArray:
@@ -93,8 +93,8 @@ def slope_variances(maps: MapsInUse, span_c: float, resolution_c: float) -> Floa
     ndarray, shape (w,) [the members' units squared]
     """
     slopes = (maps.nodes[-1] - maps.nodes[0]) / span_c
-    found: FloatArray = slopes**2 * (resolution_c**2 / 12.0)
-    return found
+    variances: FloatArray = slopes**2 * (resolution_c**2 / 12.0)
+    return variances
 
 
 def _weight_limits(
@@ -104,11 +104,11 @@ def _weight_limits(
     columns = slice(member.forward.start, (member.backward or member.forward).stop)
     v_n, v_m, c = 1.0, 1.0, 0.0
     if maps.variances is not None:
-        stated = [float(v[columns].mean()) for v in (maps.variances[0], maps.variances[-1])]
+        means = [float(v[columns].mean()) for v in (maps.variances[0], maps.variances[-1])]
         # Without a statement, or with one of no uncertainty at all, there is no measure.
-        if np.isfinite(stated).all() and max(stated) > 0.0:
+        if np.isfinite(means).all() and max(means) > 0.0:
             q = float(slopes[columns].mean())
-            v_n, v_m = (v + q for v in stated)
+            v_n, v_m = (v + q for v in means)
             c = 0.0 if maps.covariances is None else float(maps.covariances[columns].mean())
     square = v_n + v_m - 2.0 * c
     half = v_n - c

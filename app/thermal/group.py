@@ -79,9 +79,9 @@ def member_of(
     """
     columns = tuple((c.start, c.stop) for c in (forward, backward) if c is not None)
     key = (component.code, positions_mm.tobytes(), columns, ranges_mm.shape, ranges_mm.tobytes())
-    known = _MEMBERS.get(key)
-    if known is not None:
-        return known
+    cached = _MEMBERS.get(key)
+    if cached is not None:
+        return cached
     # Two threads that make one at once may each go on with its own: kept twice, and no less right.
     return _MEMBERS.setdefault(key, Member(component, positions_mm, forward, backward, ranges_mm))
 
@@ -125,7 +125,7 @@ class Group:
 
     `scales` begins with the assigned sensor's; its stand-ins' follow. `nodes` has
     a row for each of `labels` [the members' units], at the union of all maps' positions:
-    beyond a map's own range its end values, which nothing reads. `own`, of the same shape,
+    beyond a map's own range its end values, which nothing reads. `measured`, of the same shape,
     says which positions a map brings itself. `variances` are those of `nodes`,
     of the same shape [units squared]: NaN where the maps do not state them, None
     where they are nowhere stated. `covariances` are those between two maps' rows, the smaller
@@ -137,7 +137,7 @@ class Group:
     labels: tuple[str, ...]
     members: tuple[Member, ...]
     nodes: FloatArray
-    own: BoolArray
+    measured: BoolArray
     variances: FloatArray | None = None
     covariances: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
     # Made anew for every group, also by `replace`: what they remember is of these members.
@@ -167,43 +167,43 @@ class Group:
     def on_scale(self, scale: Scale, member: Member) -> Group:
         """Put one component by itself on the scale of a sensor that it then follows."""
         key = (scale, member.component.code)
-        found = self._alone.get(key)
-        if found is None:
+        cached = self._alone.get(key)
+        if cached is None:
             alone = replace(self, scales=(scale,), members=(member,))
-            found = self._alone.setdefault(key, alone)
-        return found
+            cached = self._alone.setdefault(key, alone)
+        return cached
 
     def maps_in_use(self, *rows: int) -> MapsInUse:
         """Give what maps have in common, or of one row what one map has.
 
         It is made when it is first asked for, and remembered.
         """
-        found = self._in_use.get(rows)
-        if found is None:
-            found = self._in_use.setdefault(rows, self._bring_together(rows))
-        return found
+        cached = self._in_use.get(rows)
+        if cached is None:
+            cached = self._in_use.setdefault(rows, self._bring_together(rows))
+        return cached
 
     def _bring_together(self, rows: tuple[int, ...]) -> MapsInUse:
-        kept = np.logical_or.reduce(self.own[list(rows)])
+        common = np.logical_or.reduce(self.measured[list(rows)])
         for member in self.members:
             low, high = member.common_range(rows)
             if np.isfinite(low):
                 inside = (member.positions_mm >= low) & (member.positions_mm <= high)
                 for columns in filter(None, (member.forward, member.backward)):
-                    kept[columns] &= inside
+                    common[columns] &= inside
         # Where the maps have the same positions, which is the rule, nothing is copied.
-        all_kept = bool(kept.all())
+        all_kept = bool(common.all())
         variances = self.variances
 
         def narrowed(row: FloatArray) -> FloatArray:
-            return row if all_kept else frozen(row[kept])
+            return row if all_kept else frozen(row[common])
 
         covariances = None
         if len(rows) == 2:
             covariances = self.covariances.get((min(rows), max(rows)))
         return MapsInUse(
             rows,
-            self.members if all_kept else _narrowed(self.members, kept),
+            self.members if all_kept else _narrowed(self.members, common),
             tuple(narrowed(self.nodes[row]) for row in rows),
             None if variances is None else tuple(narrowed(variances[row]) for row in rows),
             None if covariances is None else narrowed(covariances),
@@ -267,11 +267,11 @@ def common_range_of_rows(ranges_mm: FloatArray, rows: Sequence[int]) -> tuple[fl
     return float(lows.max()), float(highs.min())
 
 
-def _narrowed(members: Sequence[Member], kept: BoolArray) -> tuple[Member, ...]:
+def _narrowed(members: Sequence[Member], common: BoolArray) -> tuple[Member, ...]:
     """Lay the members out anew on the columns that are kept."""
-    found = []
+    narrowed = []
     # Each column's new place: how many are kept before it.
-    place = np.concatenate([[0], np.cumsum(kept)])
+    place = np.concatenate([[0], np.cumsum(common)])
     for member in members:
         forward, backward = (
             None if columns is None else slice(int(place[columns.start]), int(place[columns.stop]))
@@ -280,9 +280,9 @@ def _narrowed(members: Sequence[Member], kept: BoolArray) -> tuple[Member, ...]:
         assert forward is not None
         positions = member.positions_mm
         if positions.size:
-            positions = positions[kept[member.forward]]
-        found.append(member_of(member.component, positions, forward, backward, member.ranges_mm))
-    return tuple(found)
+            positions = positions[common[member.forward]]
+        narrowed.append(member_of(member.component, positions, forward, backward, member.ranges_mm))
+    return tuple(narrowed)
 
 
 def from_to_mm(low: float, high: float) -> str:

@@ -90,5 +90,5 @@ class GroupState(NamedTuple):
         # A map states all of a component's standard errors or none.
         if self.variances is None or np.isnan(self.variances[columns.start]):
             return None
-        found: FloatArray = np.sqrt(self.variances[columns])
-        return found
+        errors: FloatArray = np.sqrt(self.variances[columns])
+        return errors

@@ -206,12 +206,12 @@ class Machine:
 
     def with_stand_ins(self, name: str) -> list[Sensor]:
         """List a sensor and then its stand-ins, nearest first."""
-        found: list[Sensor] = []
+        stand_ins: list[Sensor] = []
         following: str | None = name
-        while following is not None and all(following != s.name for s in found):
-            found.append(self.sensor(following))
-            following = found[-1].stand_in
-        return found
+        while following is not None and all(following != s.name for s in stand_ins):
+            stand_ins.append(self.sensor(following))
+            following = stand_ins[-1].stand_in
+        return stand_ins
 
     def default_sensor(self, code: str) -> str | None:
         """Name the sensor that a component follows when nobody has said otherwise.

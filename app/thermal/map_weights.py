@@ -57,14 +57,16 @@ def maps_at(
     open_ = np.ones(n, dtype=np.bool_)
     for scale in group.scales:
         t = temperatures_c.get(scale.sensor)
-        own = np.flatnonzero(open_ & ~np.isnan(t)) if t is not None else np.empty(0, dtype=np.intp)
-        if t is None or not own.size:
+        open_rows = (
+            np.flatnonzero(open_ & ~np.isnan(t)) if t is not None else np.empty(0, dtype=np.intp)
+        )
+        if t is None or not open_rows.size:
             continue
-        found = model.brackets(group, scale, t[own])
-        weights[own] = weights_of(scale, found)
-        status[own] = found.status
-        status[own[found.is_refused]] = OUTSIDE_MAPS
-        open_[own] = False
+        brackets = model.brackets(group, scale, t[open_rows])
+        weights[open_rows] = weights_of(scale, brackets)
+        status[open_rows] = brackets.status
+        status[open_rows[brackets.is_refused]] = OUTSIDE_MAPS
+        open_[open_rows] = False
     return MapWeights(weights, status)
 
 
@@ -107,18 +109,18 @@ def of_two_maps(
     return weights
 
 
-def added(one: FloatArray, other: FloatArray) -> FloatArray:
+def added(first: FloatArray, other: FloatArray) -> FloatArray:
     """Add weights up; a map that cancels does not enter.
 
     Parameters
     ----------
-    one, other : ndarray, shape (n, M)
+    first, other : ndarray, shape (n, M)
 
     Returns
     -------
     ndarray, shape (n, M)
     """
-    total = one + other
+    total = first + other
     total[np.abs(total) <= ROUNDING] = 0.0
     return total
 
@@ -174,14 +176,14 @@ def read_maps(
     low, high = common_ranges(member, weights)
     weights = np.broadcast_to(weights, (len(positions_mm), weights.shape[1]))
     left, right, share = hat_weights(member.positions_mm, np.clip(positions_mm, low, high))
-    found = np.zeros(len(positions_mm))
+    values = np.zeros(len(positions_mm))
     for row in range(weights.shape[1]):
-        own = np.flatnonzero(weights[:, row])
-        if not own.size:
+        rows = np.flatnonzero(weights[:, row])
+        if not rows.size:
             continue
-        at = (left[own], right[own], share[own])
-        found[own] += weights[own, row] * _of_map(group, member, row, at, directions[own])
-    return np.where(low < high, found, np.nan)
+        at = (left[rows], right[rows], share[rows])
+        values[rows] += weights[rows, row] * _of_map(group, member, row, at, directions[rows])
+    return np.where(low < high, values, np.nan)
 
 
 def maps_at_places(
@@ -206,8 +208,8 @@ def maps_at_places(
     if (low != low[0]).any() or (high != high[0]).any() or low[0] >= high[0]:
         return None
     beside = hat_weights(member.positions_mm, np.clip(positions_mm, low[0], high[0]))
-    found = [_of_map(group, member, row, beside, directions) for row in range(len(low))]
-    values = np.stack(found, axis=1)
+    per_map = [_of_map(group, member, row, beside, directions) for row in range(len(low))]
+    values = np.stack(per_map, axis=1)
     return values if np.isfinite(values).all() else None
 
 
@@ -228,5 +230,5 @@ def _of_map(
 
 
 def _between(nodes: FloatArray, left: IntArray, right: IntArray, share: FloatArray) -> FloatArray:
-    found: FloatArray = (1.0 - share) * nodes[left] + share * nodes[right]
-    return found
+    values: FloatArray = (1.0 - share) * nodes[left] + share * nodes[right]
+    return values

@@ -79,13 +79,13 @@ def scatter_k(times_s: FloatArray, temperatures_c: FloatArray, max_gap_s: float)
     near = (gaps_s <= max_gap_s)[:-1] & (gaps_s <= max_gap_s)[1:]
     if near.sum() < FEWEST_READINGS:
         return 0.0
-    found = robust_sd(apart[near])
+    spread = robust_sd(apart[near])
     pairs = near[:-1] & near[1:]
     # Few far values would decide a correlation of the values themselves.
-    usual = np.clip(apart, -3.0 * found, 3.0 * found)
+    usual = np.clip(apart, -3.0 * spread, 3.0 * spread)
     alike = float(np.sum(usual[:-1][pairs] * usual[1:][pairs]))
     squares = float(np.mean(usual[near] ** 2)) * pairs.sum()
-    return found if squares > 0.0 and alike <= MOST_ALIKE * squares else 0.0
+    return spread if squares > 0.0 and alike <= MOST_ALIKE * squares else 0.0
 
 
 def without_noise(

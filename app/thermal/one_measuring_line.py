@@ -52,11 +52,11 @@ def on_one_line(
     notes
         In sentences: what was brought where, and which maps lack rotations for it.
     """
-    found = list(maps)
+    error_maps = list(maps)
     lines: dict[str, MeasuringLine] = {}
     notes: list[str] = []
     for axis in chain.axes:
-        concerned = [m for m in found if _depends_on_line(axis, m)]
+        concerned = [m for m in error_maps if _depends_on_line(axis, m)]
         stating = [m for m in concerned if axis in m.measuring_lines]
         if not stating:
             continue
@@ -65,33 +65,33 @@ def on_one_line(
         others = [m for m in concerned if m.measuring_lines.get(axis) != line]
         if others:
             brought = [_brought(chain, axis, m, line) for m in others]
-            notes += _said(axis, first, others, brought)
-            found = [brought[others.index(m)] if m in others else m for m in found]
-    return found, lines, notes
+            notes += _notes(axis, first, others, brought)
+            error_maps = [brought[others.index(m)] if m in others else m for m in error_maps]
+    return error_maps, lines, notes
 
 
-def _said(
+def _notes(
     axis: str, first: ErrorMap, others: Sequence[ErrorMap], brought: Sequence[ErrorMap]
 ) -> list[str]:
-    said = [
+    notes = [
         f"the errors of {axis} in maps {list_names(m.label for m in others)}, which were not "
         f"measured along the line of {first.label!r}, are brought there"
     ]
     lacking = [m.label for m in others if not any(map(_differs, _tables_of(axis, m)))]
     if lacking:
-        said.append(
+        notes.append(
             f"for that, maps {list_names(lacking)} lack the rotations of {axis}, which count as "
             "zero between the lines"
         )
     for before, after in zip(others, brought, strict=True):
         lost = [c for c, t in before.tables.items() if _knows_less(after.tables[c], t)]
         if lost:
-            said.append(
+            notes.append(
                 f"the standard errors of {list_names(lost)} in map {before.label!r} end there: "
                 f"they need those of the rotations and slopes of {axis}, and no more than "
                 f"{MOST_CORRELATED} positions"
             )
-    return said
+    return notes
 
 
 def _knows_less(after: ComponentTable, before: ComponentTable) -> bool:
@@ -103,17 +103,23 @@ def _knows_less(after: ComponentTable, before: ComponentTable) -> bool:
 
 def _brought(chain: Chain, axis: str, error_map: ErrorMap, line: MeasuringLine) -> ErrorMap:
     """Ask the map itself what an instrument would have read on another line."""
-    own = _tables_of(axis, error_map)
+    axis_tables = _tables_of(axis, error_map)
     tables = dict(error_map.tables)
     lines = dict(error_map.measuring_lines)
-    if any(map(_differs, own)):
-        fields = [_field(chain, own, lines, backward=backward) for backward in (False, True)]
-        units = _unit_field(chain, own, lines)
-        for table in own:
+    if any(map(_differs, axis_tables)):
+        fields = [
+            _field(chain, axis_tables, lines, backward=backward) for backward in (False, True)
+        ]
+        units = _unit_field(chain, axis_tables, lines)
+        for table in axis_tables:
             # Slopes are the same everywhere.
             if table.component.times is None:
-                positions = _nodes(table, own, curved=axis in chain.acts_on(axis) - set(lines))
-                tables[table.component.code] = _on_line(table, own, fields, units, positions, line)
+                positions = _nodes(
+                    table, axis_tables, curved=axis in chain.acts_on(axis) - set(lines)
+                )
+                tables[table.component.code] = _on_line(
+                    table, axis_tables, fields, units, positions, line
+                )
     return replace(error_map, tables=tables, measuring_lines={**lines, axis: line})
 
 
@@ -126,8 +132,8 @@ def _depends_on_line(axis: str, error_map: ErrorMap) -> bool:
 
     It does for translations, and for rotations that have nonrigid slopes.
     """
-    own = [table.component for table in _tables_of(axis, error_map)]
-    return any(c.times is not None or not c.is_rotation for c in own)
+    components = [table.component for table in _tables_of(axis, error_map)]
+    return any(c.times is not None or not c.is_rotation for c in components)
 
 
 def _differs(table: ComponentTable) -> bool:
@@ -160,19 +166,23 @@ def _unit_field(
 
 def _on_line(
     table: ComponentTable,
-    own: Sequence[ComponentTable],
+    axis_tables: Sequence[ComponentTable],
     fields: Sequence[ErrorField],
     units: ErrorField,
     positions: FloatArray,
     line: MeasuringLine,
 ) -> ComponentTable:
     """Read one component on the line, forward and, where it or a rotation has them, backward."""
-    ways = [t for t in own if t is table or _differs(t)]
+    ways = [t for t in axis_tables if t is table or _differs(t)]
     both = (False, True) if any(t.backward_errors is not None for t in ways) else (False,)
     read = [_read(table, fields[backward], positions, line) for backward in both]
-    known = [_covariance(table, own, units, positions, line, backward=b) for b in both]
-    backward, of_backward = (read[1], known[1]) if len(both) > 1 else (None, None)
-    return ComponentTable.make(table.component, read[0], positions, backward, known[0], of_backward)
+    covariances = [
+        _covariance(table, axis_tables, units, positions, line, backward=b) for b in both
+    ]
+    backward, of_backward = (read[1], covariances[1]) if len(both) > 1 else (None, None)
+    return ComponentTable.make(
+        table.component, read[0], positions, backward, covariances[0], of_backward
+    )
 
 
 def _read(
@@ -188,7 +198,7 @@ def _read(
 
 def _covariance(
     table: ComponentTable,
-    own: Sequence[ComponentTable],
+    axis_tables: Sequence[ComponentTable],
     units: ErrorField,
     positions_mm: FloatArray,
     line: MeasuringLine,
@@ -205,7 +215,7 @@ def _covariance(
     if covariance_of(table, backward=backward) is None or n > MOST_CORRELATED:
         return None
     total = np.zeros((n, n))
-    for entering, share in zip(own, _read(table, units, positions_mm, line), strict=True):
+    for entering, share in zip(axis_tables, _read(table, units, positions_mm, line), strict=True):
         if np.abs(share).max() <= NO_SHARE:
             continue
         covariance = covariance_of(entering, backward=backward)
@@ -216,13 +226,15 @@ def _covariance(
     return total
 
 
-def _nodes(table: ComponentTable, own: Sequence[ComponentTable], *, curved: bool) -> FloatArray:
+def _nodes(
+    table: ComponentTable, axis_tables: Sequence[ComponentTable], *, curved: bool
+) -> FloatArray:
     """The table's positions and, inside its range, those of rotations and slopes.
 
     Where an axis turns its own offset, and no line stated has taken that out, what is
     read on the line is curved between these: there finer positions follow it.
     """
-    united = np.unique(np.concatenate([t.positions_mm for t in own if _differs(t)]))
+    united = np.unique(np.concatenate([t.positions_mm for t in axis_tables if _differs(t)]))
     if not table.depends_on_position:
         united = united if united.size > 1 else table.positions_mm
     else:

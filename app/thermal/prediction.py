@@ -86,14 +86,14 @@ def predict_component(
     InvalidContent
         If the model does not have the component.
     """
-    found = model.find(code)
-    if found is None:
+    located = model.find(code)
+    if located is None:
         have = sorted((c for group in model.groups for c in group.codes), key=ORDER.__getitem__)
         raise InvalidContent(
             f"expected a component of the model ({list_names(have)}), "
             f"got {code}: {model.omitted.get(code, 'no map has it')}"
         )
-    group, member = found
+    group, member = located
     weights, status = _maps_at(model, group, temperatures_c, len(positions_mm))
     return Predicted(
         read_maps(group, member, weights, positions_mm, directions),
@@ -183,6 +183,6 @@ def _maps_at(
     model: CompiledModel, group: Group, temperatures_c: Mapping[str, FloatArray], n: int
 ) -> MapWeights:
     """Read the maps where the policy allows it."""
-    found = maps_at(model, group, temperatures_c, n)
-    found.weights[found.status == OUTSIDE_MAPS] = np.nan
-    return found
+    map_weights = maps_at(model, group, temperatures_c, n)
+    map_weights.weights[map_weights.status == OUTSIDE_MAPS] = np.nan
+    return map_weights

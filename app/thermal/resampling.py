@@ -145,11 +145,11 @@ def sample_variances(
     if not table.depends_on_position:
         return np.full(positions_mm.size, variances[0])
     left, right, share = hat_weights(table.positions_mm, positions_mm)
-    found: FloatArray = (1 - share) ** 2 * variances[left] + share**2 * variances[right]
+    sampled: FloatArray = (1 - share) ** 2 * variances[left] + share**2 * variances[right]
     if covariance.ndim == 2:
-        found += 2 * share * (1 - share) * covariance[left, right]
+        sampled += 2 * share * (1 - share) * covariance[left, right]
     # A covariance that was rounded can leave less than nothing.
-    return np.maximum(found, 0.0)
+    return np.maximum(sampled, 0.0)
 
 
 def covariance_of(table: ComponentTable, *, backward: bool = False) -> FloatArray | None:

@@ -54,18 +54,20 @@ def reversed_components(
     assignment
         Component to the sensor that it follows.
     """
-    found = []
+    codes = []
     for code, table in error_map.tables.items():
         sensor = assignment.get(code)
         if sensor is None or sensor not in error_map.temperatures_c:
             continue
         having = [o for o in others if code in o.tables and sensor in o.temperatures_c]
-        known = sorted(having, key=lambda one: one.temperatures_c[sensor])
+        ordered = sorted(having, key=lambda candidate: candidate.temperatures_c[sensor])
         t_c = error_map.temperatures_c[sensor]
-        foretold = _along_line(table, known, sensor, t_c)
+        foretold = _along_line(table, ordered, sensor, t_c)
         least = 0.0
-        if foretold is None and known:
-            nearest = min(known, key=lambda one: abs(one.temperatures_c[sensor] - t_c))
+        if foretold is None and ordered:
+            nearest = min(
+                ordered, key=lambda candidate: abs(candidate.temperatures_c[sensor] - t_c)
+            )
             foretold = _as_at(table, nearest)
             least = _most_change(table, _apart_k(error_map, nearest))
         if foretold is None:
@@ -73,21 +75,21 @@ def reversed_components(
         errors, expected = foretold
         off = rms(errors - expected)
         if rms(expected) >= LEAST and off > max(CLEARLY * rms(errors + expected), least):
-            found.append(code)
-    return found
+            codes.append(code)
+    return codes
 
 
 def _along_line(
-    table: ComponentTable, known: Sequence[ErrorMap], sensor: str, t_c: float
+    table: ComponentTable, ordered: Sequence[ErrorMap], sensor: str, t_c: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Give a component's errors, and what two other maps say of the same places; None if none."""
-    if len(known) < 2:
+    if len(ordered) < 2:
         return None
     code = table.component.code
-    temperatures_c = [one.temperatures_c[sensor] for one in known]
-    upper = min(max(int(np.searchsorted(temperatures_c, t_c)), 1), len(known) - 1)
+    temperatures_c = [neighbour.temperatures_c[sensor] for neighbour in ordered]
+    upper = min(max(int(np.searchsorted(temperatures_c, t_c)), 1), len(ordered) - 1)
     low_c, high_c = temperatures_c[upper - 1], temperatures_c[upper]
-    low, high = known[upper - 1].tables[code], known[upper].tables[code]
+    low, high = ordered[upper - 1].tables[code], ordered[upper].tables[code]
     span = high_c - low_c
     if span == 0 or not low_c - span <= t_c <= high_c + span:
         return None
@@ -105,22 +107,25 @@ def _foretold(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Give a component's errors, and the weighted sum of others at the same places."""
     if not table.component.is_table:
-        return table.errors, sum((w * one.errors for w, one in weighted), np.zeros(1))
-    inside = np.logical_and.reduce([_inside(table, one) for _, one in weighted])
+        return table.errors, sum((w * neighbour.errors for w, neighbour in weighted), np.zeros(1))
+    inside = np.logical_and.reduce([_inside(table, neighbour) for _, neighbour in weighted])
     if not inside.any():
         return None
     at_places = table.positions_mm[inside]
     expected = sum(
-        (w * np.interp(at_places, one.positions_mm, one.errors) for w, one in weighted),
+        (
+            w * np.interp(at_places, neighbour.positions_mm, neighbour.errors)
+            for w, neighbour in weighted
+        ),
         np.zeros(at_places.shape),
     )
     return table.errors[inside], expected
 
 
-def _apart_k(one: ErrorMap, other: ErrorMap) -> float:
+def _apart_k(first: ErrorMap, other: ErrorMap) -> float:
     """Say by how much two maps' temperatures differ, of whichever sensor the most [K]."""
-    common = one.temperatures_c.keys() & other.temperatures_c.keys()
-    return max(abs(one.temperatures_c[s] - other.temperatures_c[s]) for s in common) + UNSURE_K
+    common = first.temperatures_c.keys() & other.temperatures_c.keys()
+    return max(abs(first.temperatures_c[s] - other.temperatures_c[s]) for s in common) + UNSURE_K
 
 
 def _most_change(table: ComponentTable, apart_k: float) -> float:

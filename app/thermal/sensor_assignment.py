@@ -173,22 +173,24 @@ def _propose(
     if current is not None:
         machine.sensor(current)
     change, why_not = _change(code, maps)
-    found = tuple(_correlate(sensor, maps, change, why_not) for sensor in machine.sensors.values())
+    correlations = tuple(
+        _correlate(sensor, maps, change, why_not) for sensor in machine.sensors.values()
+    )
     if change is None:
-        return Proposal(code, current, current, len(maps), found, why_not)
-    candidates = [c for c in found if c.r is not None]
+        return Proposal(code, current, current, len(maps), correlations, why_not)
+    candidates = [c for c in correlations if c.r is not None]
     if not candidates:
-        why = "; ".join(c.reason for c in found) or "the machine has none"
+        why = "; ".join(c.reason for c in correlations) or "the machine has none"
         why = f"no sensor can be proposed: {why}"
-        return Proposal(code, current, current, len(maps), found, why)
+        return Proposal(code, current, current, len(maps), correlations, why)
     best = max(candidates, key=_strength)
     tied = {c.sensor for c in candidates if _ties(maps, c, best)}
-    found = tuple(replace(c, ties_with_best=c.sensor in tied) for c in found)
+    correlations = tuple(replace(c, ties_with_best=c.sensor in tied) for c in correlations)
     proposed = current if current in tied else best.sensor
-    reason = _reason(current, best, found)
+    reason = _reason(current, best, correlations)
     if proposed != current:
         reason += _caution(machine, machine.sensor(best.sensor), maps)
-    return Proposal(code, current, proposed, len(maps), found, reason)
+    return Proposal(code, current, proposed, len(maps), correlations, reason)
 
 
 def _change(code: str, maps: Sequence[ErrorMap]) -> tuple[FloatArray | None, str]:
@@ -228,18 +230,18 @@ def _correlate(
     change: FloatArray | None,
     why_not: str,
 ) -> SensorCorrelation:
-    known = [m for m in maps if sensor.name in m.temperatures_c]
-    why_not = why_not or _without_use(sensor, maps, known)
+    measured = [m for m in maps if sensor.name in m.temperatures_c]
+    why_not = why_not or _without_use(sensor, maps, measured)
     if change is None or why_not:
-        return SensorCorrelation(sensor.name, None, None, None, len(known), False, why_not)
+        return SensorCorrelation(sensor.name, None, None, None, len(measured), False, why_not)
     r = pearson_r(change, _temperatures(sensor.name, maps))
     low, high = fisher_interval(r, len(maps)) or (None, None)
     return SensorCorrelation(sensor.name, r, low, high, len(maps), False)
 
 
-def _without_use(sensor: Sensor, maps: Sequence[ErrorMap], known: Sequence[ErrorMap]) -> str:
+def _without_use(sensor: Sensor, maps: Sequence[ErrorMap], measured: Sequence[ErrorMap]) -> str:
     """Say why nothing can be correlated with a sensor, or nothing where it can."""
-    if len(known) < len(maps):
+    if len(measured) < len(maps):
         missing = [m.label for m in maps if sensor.name not in m.temperatures_c]
         return f"{sensor.name} has no temperature in {list_names(missing, 3)}"
     span_c = float(np.ptp(_temperatures(sensor.name, maps)))
@@ -265,32 +267,32 @@ def _caution(machine: Machine, sensor: Sensor, maps: Sequence[ErrorMap]) -> str:
     )
 
 
-def _ties(maps: Sequence[ErrorMap], one: SensorCorrelation, best: SensorCorrelation) -> bool:
+def _ties(maps: Sequence[ErrorMap], candidate: SensorCorrelation, best: SensorCorrelation) -> bool:
     """Whether one sensor's |r| is not significantly below the best one's."""
-    if one.sensor == best.sensor or one.r is None or best.r is None:
+    if candidate.sensor == best.sensor or candidate.r is None or best.r is None:
         return True
-    between = pearson_r(_temperatures(one.sensor, maps), _temperatures(best.sensor, maps))
-    between *= math.copysign(1.0, one.r) * math.copysign(1.0, best.r)
-    return not tell_apart(abs(best.r), abs(one.r), between, len(maps))
+    between = pearson_r(_temperatures(candidate.sensor, maps), _temperatures(best.sensor, maps))
+    between *= math.copysign(1.0, candidate.r) * math.copysign(1.0, best.r)
+    return not tell_apart(abs(best.r), abs(candidate.r), between, len(maps))
 
 
 def _reason(
-    current: str | None, best: SensorCorrelation, found: Sequence[SensorCorrelation]
+    current: str | None, best: SensorCorrelation, correlations: Sequence[SensorCorrelation]
 ) -> str:
     """Say why the current sensor stands or which one is better."""
-    present = next((c for c in found if c.sensor == current), None)
+    present = next((c for c in correlations if c.sensor == current), None)
     if present is not None and not present.ties_with_best:
         why = present.reason or f"{_figure(present)} is significantly worse"
         return f"{_figure(best)} correlates best; {why}"
     few = f"; {best.maps} maps cannot tell sensors apart, at least {ENOUGH} are needed"
     caution = few if best.maps < ENOUGH else ""
     if present is None:
-        others = [c.sensor for c in found if c.ties_with_best and c.sensor != best.sensor]
+        others = [c.sensor for c in correlations if c.ties_with_best and c.sensor != best.sensor]
         return f"{_figure(best)} correlates best; tied with it: {list_names(others)}{caution}"
     if caution:
         return f"{_figure(present)} stands{caution}"
     if present.sensor == best.sensor:
-        tied = [c.sensor for c in found if c.ties_with_best and c.sensor != best.sensor]
+        tied = [c.sensor for c in correlations if c.ties_with_best and c.sensor != best.sensor]
         beside = f"; not significantly better than {list_names(tied)}" if tied else ""
         return f"{_figure(present)} stands: it correlates best{beside}"
     return f"{_figure(present)} stands: {_figure(best)} is not significantly better"

@@ -120,8 +120,8 @@ class JudgedRecord:
 
     def are_believed(self, sensor: str) -> BoolArray:
         """Say which of a sensor's known values were believed, shape (n,)."""
-        found: BoolArray = self.verdicts[sensor] == _VERDICTS.index(Health.OK)
-        return found
+        is_ok: BoolArray = self.verdicts[sensor] == _VERDICTS.index(Health.OK)
+        return is_ok
 
 
 def check_temperatures(machine: Machine, temperatures_c: Mapping[str, float]) -> list[SensorState]:
@@ -227,11 +227,11 @@ def believed(
 
 def _without(history: TemperatureHistory, verdicts: Mapping[str, IntArray]) -> TemperatureHistory:
     cleaned = {}
-    for name, own in verdicts.items():
-        kept = history.temperatures_c[name].copy()
-        known = np.flatnonzero(~np.isnan(kept))
-        kept[known[own != _VERDICTS.index(Health.OK)]] = np.nan
-        cleaned[name] = kept
+    for name, verdict in verdicts.items():
+        values = history.temperatures_c[name].copy()
+        present = np.flatnonzero(~np.isnan(values))
+        values[present[verdict != _VERDICTS.index(Health.OK)]] = np.nan
+        cleaned[name] = values
     return TemperatureHistory(history.times_s, cleaned)
 
 
@@ -249,19 +249,19 @@ def without_stuck(machine: Machine, history: TemperatureHistory) -> TemperatureH
     """
     cleaned = {}
     for name, values in history.temperatures_c.items():
-        kept = values.copy()
-        known = np.flatnonzero(~np.isnan(values))
+        judged_values = values.copy()
+        present = np.flatnonzero(~np.isnan(values))
         verdicts = _verdicts(machine, machine.sensor(name), history)
         stuck = verdicts == _VERDICTS.index(Health.STUCK)
         if stuck.any():
-            stretch = np.cumsum(np.append(True, np.diff(values[known]) != 0)) - 1
+            stretch = np.cumsum(np.append(True, np.diff(values[present]) != 0)) - 1
             first = np.append(True, np.diff(stretch) != 0)
             is_stuck = np.bincount(stretch, weights=stuck) > 0
             ends = np.append(np.flatnonzero(first)[1:] - 1, len(stretch) - 1)
-            sensor, times_s = machine.sensor(name), history.times_s[known]
-            is_stuck &= [not goes_on(sensor, times_s, values[known], end) for end in ends]
-            kept[known[is_stuck[stretch] & ~first]] = np.nan
-        cleaned[name] = kept
+            sensor, times_s = machine.sensor(name), history.times_s[present]
+            is_stuck &= [not goes_on(sensor, times_s, values[present], end) for end in ends]
+            judged_values[present[is_stuck[stretch] & ~first]] = np.nan
+        cleaned[name] = judged_values
     return TemperatureHistory(history.times_s, cleaned)
 
 
@@ -318,7 +318,7 @@ def judge_record(machine: Machine, sensor: Sensor, history: TemperatureHistory) 
 
 def _verdicts(machine: Machine, sensor: Sensor, history: TemperatureHistory) -> IntArray:
     """Give for each known value its place in `_VERDICTS`."""
-    times, values = history.known(sensor.name)
+    times, values = history.series(sensor.name)
     if values.size == 0:
         return np.empty(0, dtype=np.intp)
     in_range = _in_range(sensor, values)
@@ -346,7 +346,7 @@ def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorS
 def _assess(
     machine: Machine, sensor: Sensor, history: TemperatureHistory, judged: IntArray
 ) -> SensorState:
-    times, values = history.known(sensor.name)
+    times, values = history.series(sensor.name)
     if times.size == 0:
         return SensorState(
             sensor.name,
@@ -405,9 +405,9 @@ def _assess(
 
 def _comes_with_another(sensor: Sensor, history: TemperatureHistory) -> bool:
     """Whether each of a sensor's latest readings has another sensor's value beside it."""
-    known = np.flatnonzero(~np.isnan(history.temperatures_c[sensor.name]))[-RECENT:]
+    latest = np.flatnonzero(~np.isnan(history.temperatures_c[sensor.name]))[-RECENT:]
     return any(
-        name != sensor.name and not np.isnan(values[known]).any()
+        name != sensor.name and not np.isnan(values[latest]).any()
         for name, values in history.temperatures_c.items()
     )
 
@@ -533,7 +533,7 @@ def _neighbours_movement(
     """Span of the middle neighbour's believable values from a time to each of others [°C]."""
     spans = []
     for other in machine.sensors.values():
-        times, values = history.known(other.name)
+        times, values = history.series(other.name)
         counts = (times >= since_s) & _in_range(other, values)
         if other.name != sensor.name and counts.any():
             recent = values[counts]

@@ -29,29 +29,29 @@ def doubted_temperatures(
     'readings of its time say bed 24.0 °C, where it stat'
     """
     common = [name for name in stated_c if name in recorded_c]
-    found: list[str] = []
-    left = list(common)
-    for one, other in combinations(common, 2):
-        as_stated = _off(stated_c, recorded_c, (one, one), (other, other))
-        exchanged = _off(stated_c, recorded_c, (one, other), (other, one))
+    notes: list[str] = []
+    unexplained = list(common)
+    for first, other in combinations(common, 2):
+        as_stated = _off(stated_c, recorded_c, (first, first), (other, other))
+        exchanged = _off(stated_c, recorded_c, (first, other), (other, first))
         is_likely = as_stated > APART_K and as_stated > CLEARLY * exchanged
-        if is_likely and one in left and other in left:
-            left = [name for name in left if name not in (one, other)]
-            found.append(
-                f"readings of its time say {one} {recorded_c[one]:.1f} °C, {other} "
-                f"{recorded_c[other]:.1f} °C, where it states {stated_c[one]:.1f} and "
+        if is_likely and first in unexplained and other in unexplained:
+            unexplained = [name for name in unexplained if name not in (first, other)]
+            notes.append(
+                f"readings of its time say {first} {recorded_c[first]:.1f} °C, {other} "
+                f"{recorded_c[other]:.1f} °C, where it states {stated_c[first]:.1f} and "
                 f"{stated_c[other]:.1f} °C: are the two exchanged?"
             )
-    found += [
+    notes += [
         f"readings of its time say {name} {recorded_c[name]:.1f} °C, where it states "
         f"{stated_c[name]:.1f} °C: is the sensor, the temperature or the time mistaken?"
-        for name in left
+        for name in unexplained
         if abs(stated_c[name] - recorded_c[name]) > FAR_K
     ]
-    return found
+    return notes
 
 
 def _off(
     stated_c: Mapping[str, float], recorded_c: Mapping[str, float], *pairs: tuple[str, str]
 ) -> float:
-    return sum(abs(stated_c[own] - recorded_c[theirs]) for own, theirs in pairs)
+    return sum(abs(stated_c[mine] - recorded_c[theirs]) for mine, theirs in pairs)

@@ -39,7 +39,7 @@ class TemperatureHistory:
             },
         )
 
-    def known(self, sensor: str) -> tuple[FloatArray, FloatArray]:
+    def series(self, sensor: str) -> tuple[FloatArray, FloatArray]:
         """Return the times [s] and temperatures [°C] at which a sensor has a value."""
         values = self.temperatures_c[sensor]
         has_value = ~np.isnan(values)
@@ -68,7 +68,7 @@ class TemperatureHistory:
         >>> history.at("a", [20.0, 300.0], max_gap_s=120.0).tolist()
         [21.0, nan]
         """
-        return between_readings(*self.known(sensor), times_s, max_gap_s)
+        return between_readings(*self.series(sensor), times_s, max_gap_s)
 
 
 def between_readings(
@@ -95,6 +95,6 @@ def between_readings(
     elapsed = wanted - times_s[before]
     after = np.where(elapsed > 0.0, np.minimum(before + 1, times_s.size - 1), before)
     span, rise = times_s[after] - times_s[before], values[after] - values[before]
-    found = values[before] + rise / np.where(span > 0.0, span, 1.0) * elapsed
+    interpolated = values[before] + rise / np.where(span > 0.0, span, 1.0) * elapsed
     too_wide, too_late, too_early = span > max_gap_s, elapsed > max_gap_s, elapsed < 0.0
-    return np.where(too_wide | too_late | too_early, np.nan, found)
+    return np.where(too_wide | too_late | too_early, np.nan, interpolated)

@@ -170,8 +170,8 @@ def standard_errors_of(covariance: FloatArray) -> FloatArray:
     [2.0, 3.0]
     """
     # Without the sign of −0.
-    found: FloatArray = np.sqrt(np.abs(variances_of(covariance)))
-    return found
+    deviations: FloatArray = np.sqrt(np.abs(variances_of(covariance)))
+    return deviations
 
 
 def without_zeros(covariance: FloatArray) -> FloatArray:
@@ -220,9 +220,9 @@ def propagate(jacobian: ArrayLike, covariance: FloatArray) -> FloatArray:
     j = np.asarray(jacobian, dtype=np.float64)
     gained = j * covariance if covariance.ndim == 1 else j @ covariance
     product = gained @ j.T
-    found: FloatArray = (product + product.T) / 2
-    np.fill_diagonal(found, np.maximum(np.diagonal(found), 0.0))
-    return found
+    propagated: FloatArray = (product + product.T) / 2
+    np.fill_diagonal(propagated, np.maximum(np.diagonal(propagated), 0.0))
+    return propagated
 
 
 def _variances(
@@ -236,29 +236,33 @@ def _variances(
             f"expected {positions} standard errors of {component.code} in {unit}, one for each "
             f"position, got {len(standard_errors)}",
         )
-    stated = np.asarray(standard_errors, dtype=np.float64)
-    wrong = np.flatnonzero(~((stated >= 0) & (stated <= LARGEST)))
+    deviations = np.asarray(standard_errors, dtype=np.float64)
+    wrong = np.flatnonzero(~((deviations >= 0) & (deviations <= LARGEST)))
     if wrong.size:
         i = int(wrong[0])
         raise InvalidContent.of_field(
             field,
             f"expected standard errors of {component.code} from 0 to {LARGEST:g} {unit}, got "
-            f"{stated[i]:g} (at index {i})",
+            f"{deviations[i]:g} (at index {i})",
         )
-    return frozen(stated**2)
+    return frozen(deviations**2)
 
 
 def _check_agreement(
     component: Component, field: str, variances: FloatArray, covariance: FloatArray
 ) -> None:
-    stated, told = np.sqrt(variances), np.sqrt(variances_of(covariance))
-    wrong = np.flatnonzero(np.abs(stated - told) > DISAGREEMENT * np.maximum(stated, told))
+    from_errors, from_covariance = np.sqrt(variances), np.sqrt(variances_of(covariance))
+    wrong = np.flatnonzero(
+        np.abs(from_errors - from_covariance)
+        > DISAGREEMENT * np.maximum(from_errors, from_covariance)
+    )
     if wrong.size:
         i, unit = int(wrong[0]), component.unit.symbol
         raise InvalidContent.of_field(
             field,
             f"expected the standard errors' squares on its diagonal (or one of both), got "
-            f"{stated[i]:g} {unit} there and {told[i]:g} {unit} here (at index {i})",
+            f"{from_errors[i]:g} {unit} there and {from_covariance[i]:g} {unit} here "
+            f"(at index {i})",
         )
 
 

@@ -32,7 +32,7 @@ TABLE = error_table(
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_component_is_held_or_its_size_is_said(name):
     found = export(format_named(name), TABLE, options_for(name))
-    held = {one.code for one in found.held} | ({"SXY"} if format_named(name).folds else set())
+    held = {one.code for one in found.loaded} | ({"SXY"} if format_named(name).folds else set())
     missing = {one.component for one in found.not_held if "has no table" in one.why}
     assert held | missing >= set(TABLE.curves)
     assert not held & missing
@@ -119,7 +119,7 @@ def test_what_would_move_an_axis_that_a_lathe_lacks_is_not_held(name, options):
     left = {one.component: one.why for one in found.not_held}
     for code in ("EYX", "EYZ", "SYZ"):
         assert left[code] == "the machine has no axis Y that could move so"
-    assert {one.code for one in found.held} == {"EXX", "EZX", "EZZ"} & set(controller.holds)
+    assert {one.code for one in found.loaded} == {"EXX", "EZX", "EZZ"} & set(controller.holds)
     assert not any(check.moved_axis == "y" for check in found.check)
     read = read_back(name, found, options_for(name, **stated))
     assert not {"EYX", "EYZ", "EYY"} & set(read.curves)
@@ -163,7 +163,7 @@ CROSSES = error_table(
 def test_fagors_crosses_are_the_mean_of_both_directions_and_0_at_machine_zero():
     controller, options = format_named("fagor"), options_for("fagor")
     found = export(controller, CROSSES, options)
-    exy = next(one for one in found.held if one.code == "EXY")
+    exy = next(one for one in found.loaded if one.code == "EXY")
     assert exy.errors == pytest.approx([-1.5, 1.5])
     assert exy.at(np.zeros(1)) == pytest.approx([0.0])
     (half,) = [one for one in found.not_held if "both directions" in one.why]
@@ -188,7 +188,7 @@ def test_a_motor_that_steps_when_cec_begins_to_act_is_warned_of():
 
 def test_squareness_is_folded_into_straightness_over_the_whole_axis():
     found = export(format_named("siemens-cec"), TABLE, options_for("siemens-cec"))
-    exy = next(one for one in found.held if one.code == "EXY")
+    exy = next(one for one in found.loaded if one.code == "EXY")
     assert exy.at(np.array([0.0, 400.0])) == pytest.approx([0.0, -10.0])
     assert "SXY" not in {one.component for one in found.not_held}
 
@@ -197,13 +197,13 @@ def test_one_table_for_both_directions_leaves_half_the_reversal():
     found = export(format_named("heidenhain"), TABLE, options_for("heidenhain"))
     (half,) = [n for n in found.not_held if "both directions" in n.why]
     assert (half.component, half.largest) == ("EXX", 1.0)
-    exx = next(one for one in found.held if one.code == "EXX")
+    exx = next(one for one in found.loaded if one.code == "EXX")
     assert exx.at(np.array([0.0]))[0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_format_that_is_zero_at_its_reference_says_what_constant_is_left():
     found = export(format_named("fagor"), TABLE, options_for("fagor", reference_mm={"x": 100.0}))
-    exx = next(one for one in found.held if one.code == "EXX")
+    exx = next(one for one in found.loaded if one.code == "EXX")
     assert exx.errors == pytest.approx([-1.0, 0.0, 5.0])
     assert exx.backward_errors == pytest.approx([-3.0, -1.0, 3.0])
     constants = {n.component: n.largest for n in found.not_held if "shift" in n.why}

@@ -41,7 +41,7 @@ MOVES = [
 @pytest.mark.parametrize("kind", [1, 0])
 def test_the_motors_stand_where_the_table_says(kind):
     found = export(format_named("linuxcnc"), TABLE, options_for("linuxcnc", type=kind))
-    held = {one.component.axis: one for one in found.held}
+    held = {one.component.axis: one for one in found.loaded}
     answers = run_moves({file.name: file.content for file in found.files}, MOVES)
     assert [[axis, commanded] for axis, commanded, _ in answers] == [
         [axis, pytest.approx(position)] for axis, position in MOVES

@@ -117,7 +117,7 @@ def test_siemens_cec_tables_add_up_to_the_curves(exx, eyx, eyz, at, sign):
     )
     tables = list(cec_tables(siemens_memory(found.files[0].content)))
     stated = {one.component: abs(one.difference.largest) for one in found.resampling}
-    held = {one.code: one for one in found.held}
+    held = {one.code: one for one in found.loaded}
     factor = 1000.0 if sign == "error" else -1000.0
     for code, pair in {"EXX": "11", "EYX": "12", "EYZ": "52"}.items():
         names = tuple(f"(AX{n})" for n in pair)

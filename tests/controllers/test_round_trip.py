@@ -126,7 +126,7 @@ def test_files_are_read_back_as_they_were_meant(name, data, table, axes, factor)
     assert read.machine == "mcfv5050"
     wanted = wanted_of(controller, table, options).table
     differences = {one.component: one.difference for one in found.resampling}
-    held = {one.code: one for one in found.held}
+    held = {one.code: one for one in found.loaded}
     assert set(held) == set(differences) == set(wanted.curves)
     for code, one in held.items():
         parsed = read.curves[code]

@@ -14,7 +14,7 @@ from app.identification.analysis.tried_effect import (
     MISTAKEN,
     TriedEffect,
     _judged,
-    _Shown,
+    _TrialRows,
     try_effect,
 )
 from app.identification.fleet import Member, Trial, judge_fleet, trials
@@ -130,7 +130,7 @@ def observations(share, seed, *, scatter=0.3, setups=SETUPS):
 
 def judged(residuals, predicted, visit, tried_together=1):
     units = np.full(visit.size, "µm")
-    shown = _Shown(residuals, predicted, visit, units)
+    shown = _TrialRows(residuals, predicted, visit, units)
     return _judged(shown, np.zeros(visit.size, dtype=int), tried_together)
 
 
@@ -182,7 +182,7 @@ def test_an_angle_that_shows_it_is_not_lost_among_lengths_that_do_not():
     random = np.random.default_rng(8)
     residuals, predicted, visit = observations(1.0, 7)
     noise = random.normal(0.0, 50.0, visit.size)
-    shown = _Shown(
+    shown = _TrialRows(
         np.concatenate([residuals, noise]),
         np.concatenate([predicted, 0.01 * predicted]),
         np.concatenate([visit, visit]),

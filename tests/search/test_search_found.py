@@ -178,7 +178,7 @@ def test_how_likely_noise_gives_a_term_goes_by_the_term_itself():
     (alone,) = found_in(campaign.plus(small), candidates).terms
     assert of_both.terms[1].global_p == pytest.approx(alone.global_p, rel=1e-3)
     known = Known([KnownTerm(candidates[0], None)], np.zeros(len(large)))
-    beside = found_in(campaign.plus(large + small), candidates, known=known)
+    beside = found_in(campaign.plus(large + small), candidates, adopted=known)
     assert [term.key for term in beside.refitted] == ["reversal-0"]
     assert beside.refitted[0].global_p < 1e-6
 

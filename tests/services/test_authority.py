@@ -265,7 +265,7 @@ async def test_who_revokes_waits_for_what_is_being_written_and_nobody_for_each_o
     def write():
         with authorized(service, guest, "PUT", f"{ROOM}/x"), database.writing() as session:
             find_machine(session, "mcfv5050", RowLock.CHANGED)
-            module.confirm_authorization(session, held=True)
+            module.confirm_authorization(session, locked=True)
             written.set()
             go_on.wait(60.0)
             order.append("written")

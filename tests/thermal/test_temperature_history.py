@@ -24,7 +24,7 @@ def test_between_readings_it_is_linear_in_time(time_s, expected_c):
 
 
 def test_known_leaves_out_readings_without_the_sensor():
-    times, values = WARMING.known("b")
+    times, values = WARMING.series("b")
     assert (times.tolist(), values.tolist()) == ([60.0], [40.0])
     assert np.isnan(WARMING.temperatures_c["b"][[0, 2]]).all()
 

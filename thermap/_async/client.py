@@ -359,8 +359,8 @@ class AsyncThermapClient:
         residuals
             Whether it is wanted what the active version leaves of the latest checks.
         """
-        asked = (machine, since, until, sensors, component, position_mm, points)
-        return await self.send(calls.history(*asked, residuals=residuals))
+        arguments = (machine, since, until, sensors, component, position_mm, points)
+        return await self.send(calls.history(*arguments, residuals=residuals))
 
     async def connections(self) -> ConnectionsNow:
         """Say how what the service reads beside HTTP fares."""
@@ -854,7 +854,7 @@ class AsyncThermapClient:
     async def _follow(self, path: str, query: Mapping[str, Any]) -> AsyncIterator[Told]:
         reader = EventReader()
         while True:
-            asked = self._http.build_request(
+            request = self._http.build_request(
                 "GET",
                 path,
                 params=dict(query),
@@ -863,16 +863,16 @@ class AsyncThermapClient:
             )
             try:
                 with explaining(self._url, following.SILENT_S):
-                    response = await self._http.send(asked, stream=True)
+                    response = await self._http.send(request, stream=True)
                     try:
                         if not response.is_success:
                             await response.aread()
                             raise error_of(response)
                         reader.begin()
                         async for line in response.aiter_lines():
-                            told = reader.take(line)
-                            if told is not None:
-                                yield told
+                            event = reader.take(line)
+                            if event is not None:
+                                yield event
                     finally:
                         await response.aclose()
                 why = f"{self.base_url} ended the stream"

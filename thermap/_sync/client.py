@@ -353,8 +353,8 @@ class ThermapClient:
         residuals
             Whether it is wanted what the active version leaves of the latest checks.
         """
-        asked = (machine, since, until, sensors, component, position_mm, points)
-        return self.send(calls.history(*asked, residuals=residuals))
+        arguments = (machine, since, until, sensors, component, position_mm, points)
+        return self.send(calls.history(*arguments, residuals=residuals))
 
     def connections(self) -> ConnectionsNow:
         """Say how what the service reads beside HTTP fares."""
@@ -840,7 +840,7 @@ class ThermapClient:
     def _follow(self, path: str, query: Mapping[str, Any]) -> Iterator[Told]:
         reader = EventReader()
         while True:
-            asked = self._http.build_request(
+            request = self._http.build_request(
                 "GET",
                 path,
                 params=dict(query),
@@ -849,16 +849,16 @@ class ThermapClient:
             )
             try:
                 with explaining(self._url, following.SILENT_S):
-                    response = self._http.send(asked, stream=True)
+                    response = self._http.send(request, stream=True)
                     try:
                         if not response.is_success:
                             response.read()
                             raise error_of(response)
                         reader.begin()
                         for line in response.iter_lines():
-                            told = reader.take(line)
-                            if told is not None:
-                                yield told
+                            event = reader.take(line)
+                            if event is not None:
+                                yield event
                     finally:
                         response.close()
                 why = f"{self.base_url} ended the stream"

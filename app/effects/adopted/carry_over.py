@@ -47,15 +47,15 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
     kept, notes : list of Effect, list of str
         What the next version has, and what was left out with the reason.
     """
-    kept, notes = [], []
+    carried, notes = [], []
     for effect in effects:
         terms: list[Term] = []
         mixed: list[str] = []
         for code in effect.components:
-            own = [_updated(term, change) for term in effect.terms if term.component == code]
-            still = [term for term in own if term is not None]
+            updates = [_updated(term, change) for term in effect.terms if term.component == code]
+            still = [term for term in updates if term is not None]
             why = _why_over(effect, code, change)
-            if not why and len(still) < len(own):
+            if not why and len(still) < len(updates):
                 why = kind_of(effect.kind).gone
             why = why or next(filter(None, (_why_unread(term, change) for term in still)), "")
             if why:
@@ -70,17 +70,17 @@ def carry_over(effects: Sequence[Effect], change: Change) -> tuple[list[Effect],
                 "others again too"
             )
         if not effect.terms:  # what the readings show: it is known, and adds nothing
-            kept.append(effect)
+            carried.append(effect)
         elif terms:
             codes = tuple(dict.fromkeys(term.component for term in terms))
-            kept.append(replace(effect, components=codes, terms=tuple(terms)))
-    return kept, notes
+            carried.append(replace(effect, components=codes, terms=tuple(terms)))
+    return carried, notes
 
 
-def without_replaced(known: Sequence[Effect], adopted: Sequence[Effect]) -> list[Effect]:
+def without_replaced(effects: Sequence[Effect], adopted: Sequence[Effect]) -> list[Effect]:
     """Leave out of a model's effects the responses that newly adopted ones take the place of."""
     anew = {code for e in adopted if e.kind == Response.kind for code in e.components}
-    return [e for e in known if e.kind != Response.kind or not anew.intersection(e.components)]
+    return [e for e in effects if e.kind != Response.kind or not anew.intersection(e.components)]
 
 
 def _why_over(effect: Effect, code: str, change: Change) -> str:
@@ -92,7 +92,7 @@ def _why_over(effect: Effect, code: str, change: Change) -> str:
         return f"all maps were measured after it, and state what {effect.sensors[0]} read"
     if kind.lacked_by_maps and after and not before:
         return f"the maps have {code} now"
-    again = any(kind.is_measured_along(one, effect) for one in change.measured_again(code))
+    again = any(kind.is_measured_along(table, effect) for table in change.measured_again(code))
     if again or (kind.zero_in_maps and _is_inside(effect, code, change)):
         labels = list_names(repr(m.label) for m in change.measured_again(code))
         return f"it was measured again in map {labels}"
@@ -131,27 +131,29 @@ def _is_inside(effect: Effect, code: str, change: Change) -> bool:
 
 def _knows_maps(driver: Driver, code: str, before: CompiledModel) -> bool:
     if isinstance(driver, Curvature):
-        found = before.find(code)
-        return found is not None and driver.temperatures_c == found[0].scales[0].temperatures_c
+        located = before.find(code)
+        return located is not None and driver.temperatures_c == located[0].scales[0].temperatures_c
     return isinstance(driver, BeyondMaps)
 
 
 def _updated(term: Term, change: Change) -> Term | None:
     """Tell a term of the maps as they are now; None where they do not say enough."""
-    found = change.after.find(term.component)
-    if found is None:
+    located = change.after.find(term.component)
+    if located is None:
         return term
     driver, shape = term.driver, term.shape
-    if isinstance(shape, Exchange) and shape.sensor == found[0].sensor:
+    if isinstance(shape, Exchange) and shape.sensor == located[0].sensor:
         put_right = _still_wrong(shape, term.component, change)
         if put_right is None:
             return None
         shape = put_right
     elif isinstance(shape, Exchange):
-        stated = temperatures_of_maps(change.after, change.maps, shape.sensor)
-        known = {label: stated[label] for label in found[0].labels if label in stated}
-        shape = Exchange.of(shape.sensor, known)
-        if len(known) < len(found[0].labels):
+        temperatures = temperatures_of_maps(change.after, change.maps, shape.sensor)
+        in_maps_c = {
+            label: temperatures[label] for label in located[0].labels if label in temperatures
+        }
+        shape = Exchange.of(shape.sensor, in_maps_c)
+        if len(in_maps_c) < len(located[0].labels):
             return None
     if isinstance(driver, BeyondMaps):
         of_maps = beyond_maps(
@@ -164,10 +166,10 @@ def _updated(term: Term, change: Change) -> Term | None:
             term = replace(term, learnt=driver.moved(term.learnt, of_maps))
         driver = of_maps
     elif isinstance(driver, Curvature) and _knows_maps(driver, term.component, change.before):
-        driver = replace(driver, temperatures_c=found[0].scales[0].temperatures_c)
+        driver = replace(driver, temperatures_c=located[0].scales[0].temperatures_c)
         term = replace(term, learnt=None)  # the temperature's own range holds it
-    elif isinstance(driver, ShareOfMap) and driver.sensor == found[0].sensor:
-        now_c = found[0].scales[0].temperatures_c
+    elif isinstance(driver, ShareOfMap) and driver.sensor == located[0].sensor:
+        now_c = located[0].scales[0].temperatures_c
         if driver.map_c not in now_c:
             return None
         driver = replace(driver, temperatures_c=now_c)
@@ -181,8 +183,10 @@ def _as_late(of_maps: BeyondMaps, before: BeyondMaps) -> BeyondMaps:
     """
     if before.time_constant_s is None:
         return of_maps
-    known = dict(before.in_maps_c)
-    points = tuple((own, known.get(own, there)) for own, there in of_maps.in_maps_c)
+    before_c = dict(before.in_maps_c)
+    points = tuple(
+        (measured_c, before_c.get(measured_c, there)) for measured_c, there in of_maps.in_maps_c
+    )
     return replace(of_maps, in_maps_c=points, time_constant_s=before.time_constant_s)
 
 
@@ -207,9 +211,9 @@ def _still_wrong(shape: Exchange, code: str, change: Change) -> Exchange | None:
 
 def _noted(model: CompiledModel, code: str) -> dict[str, float]:
     """Say at which temperature of the assigned sensor each map of a component was noted [°C]."""
-    found = model.find(code)
-    if found is None:
+    located = model.find(code)
+    if located is None:
         return {}
-    group, scale = found[0], found[0].scales[0]
-    stated = zip(scale.rows, scale.temperatures_c, strict=True)
-    return {group.labels[row]: t for row, t in stated}
+    group, scale = located[0], located[0].scales[0]
+    temperatures = zip(scale.rows, scale.temperatures_c, strict=True)
+    return {group.labels[row]: t for row, t in temperatures}

@@ -110,17 +110,17 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     beyond = {}
     for code, parts_of in of_maps.items():
         view = parts_of[0].view
-        found = _found(projection.model, code)
+        located = _located(projection.model, code)
         weights = _with_readings(plain[code], parts_of, use.takes_part)
-        change = read_maps(*found, weights, *view.places)
-        change = change - read_maps(*found, plain[code], *view.places)
+        change = read_maps(*located, weights, *view.places)
+        change = change - read_maps(*located, plain[code], *view.places)
         errors[view.rows] += view.gains * np.where(np.isfinite(change), change, 0.0)
-        beyond[code] = beyond_tables(found[1], weights, view.places.positions_mm)
-    is_held, held = _said(projection, effects, use.takes_part)
+        beyond[code] = beyond_tables(located[1], weights, view.places.positions_mm)
+    is_held, remarks = _held_remarks(projection, effects, use.takes_part)
     status, moved = _statuses(projection.model, parts, use.takes_part, n)
-    held += beyond_maps_sentences(effects, moved)
+    remarks += beyond_maps_sentences(effects, moved)
     missing = tuple(use.missing)
-    return Contributions(errors, use.is_lacking, missing, is_held, tuple(held), status, beyond)
+    return Contributions(errors, use.is_lacking, missing, is_held, tuple(remarks), status, beyond)
 
 
 class _TermInRows(NamedTuple):
@@ -148,8 +148,8 @@ class _Use:
 
     def leave_out(self, number: int, rows: IntArray, reason: str) -> None:
         """Leave an effect out of some rows."""
-        said = f"{reason} ({rows.size} values)"
-        self.missing.append(Missing(number, self._effects[number].kind, said))
+        sentence = f"{reason} ({rows.size} values)"
+        self.missing.append(Missing(number, self._effects[number].kind, sentence))
         self.is_lacking[rows] = True
         self.takes_part[number][rows] = False
 
@@ -157,14 +157,14 @@ class _Use:
 def _leave_out_unknown(projection: Projection, parts: Sequence[_TermInRows], use: _Use) -> None:
     """Leave each effect out, with all of its terms, where one of its conditions is not known."""
     for number, takes_part in enumerate(use.takes_part):
-        own = [part for part in parts if part.number == number]
+        parts_of_effect = [part for part in parts if part.number == number]
         is_unknown = np.zeros(len(takes_part), dtype=np.bool_)
-        for part in own:
+        for part in parts_of_effect:
             is_unknown[part.view.rows[~np.isfinite(part.one_each)]] = True
         unknown = np.flatnonzero(is_unknown & takes_part)
         if unknown.size:
             there = projection.conditions.take(unknown)
-            reasons = (part.term.why_missing(projection.model, there) for part in own)
+            reasons = (part.term.why_missing(projection.model, there) for part in parts_of_effect)
             use.leave_out(number, unknown, next(filter(None, reasons), NO_NUMBER))
 
 
@@ -172,12 +172,12 @@ def _plain_weights(
     model: CompiledModel, of_maps: Mapping[str, Sequence[_TermInRows]], conditions: Conditions
 ) -> dict[str, FloatArray]:
     """Give how much of each map enters components without effects, shape (m, M) each."""
-    found = {}
+    weights = {}
     for code, parts in of_maps.items():
         rows = parts[0].view.rows
         temperatures_c = conditions.take(rows).temperatures_c
-        found[code] = maps_at(model, _found(model, code)[0], temperatures_c, rows.size).weights
-    return found
+        weights[code] = maps_at(model, _located(model, code)[0], temperatures_c, rows.size).weights
+    return weights
 
 
 def _evaluated(
@@ -192,17 +192,17 @@ def _evaluated(
 
 def _by_component(parts: Iterable[_TermInRows]) -> dict[str, list[_TermInRows]]:
     """Put the parts that change how much of each map enters together."""
-    found: dict[str, list[_TermInRows]] = defaultdict(list)
+    by_code: dict[str, list[_TermInRows]] = defaultdict(list)
     for part in parts:
         if part.reading is not None:
-            found[part.term.component].append(part)
-    return found
+            by_code[part.term.component].append(part)
+    return by_code
 
 
-def _found(model: CompiledModel, code: str) -> tuple[Group, Member]:
-    found = model.find(code)
-    assert found is not None
-    return found
+def _located(model: CompiledModel, code: str) -> tuple[Group, Member]:
+    located = model.find(code)
+    assert located is not None
+    return located
 
 
 def _with_readings(
@@ -224,34 +224,34 @@ def _without_common_range(
     takes_part: Sequence[BoolArray],
 ) -> dict[int, IntArray]:
     """List the effects by which maps enter that have no positions in common, and where."""
-    found: dict[int, list[IntArray]] = defaultdict(list)
+    lost: dict[int, list[IntArray]] = defaultdict(list)
     for code, parts in of_maps.items():
         low, high = common_ranges(
-            _found(model, code)[1], _with_readings(plain[code], parts, takes_part)
+            _located(model, code)[1], _with_readings(plain[code], parts, takes_part)
         )
         rows = parts[0].view.rows[(low >= high) & ~np.isnan(plain[code]).any(axis=1)]
         for part in parts:
-            own = rows[takes_part[part.number][rows]]
-            if own.size:
-                found[part.number].append(own)
-    return {number: np.unique(np.concatenate(rows)) for number, rows in found.items()}
+            used_rows = rows[takes_part[part.number][rows]]
+            if used_rows.size:
+                lost[part.number].append(used_rows)
+    return {number: np.unique(np.concatenate(rows)) for number, rows in lost.items()}
 
 
-def _said(
+def _held_remarks(
     projection: Projection, effects: Sequence[Effect], takes_part: Sequence[BoolArray]
 ) -> tuple[BoolArray, list[Remark]]:
     """Say where effects are held, and which take part where they were not learnt."""
     is_held = np.zeros(len(projection.rows), dtype=np.bool_)
-    held: list[Remark] = []
+    remarks: list[Remark] = []
     for number, effect in enumerate(effects):
-        shown = takes_part[number] & _shows(projection, effect)
-        if shown.any() and (said := unknown_range(effect)):
-            held.append(Remark(number, said))
+        in_effect = takes_part[number] & _shows(projection, effect)
+        if in_effect.any() and (sentence := unknown_range(effect)):
+            remarks.append(Remark(number, sentence))
         for beyond, rows in _rows_beyond(projection, effect, takes_part[number]):
             if beyond.is_held:
                 is_held[rows] = True
-            held.append(Remark(number, f"{held_sentence(effect, beyond)} ({rows.size} values)"))
-    return is_held, held
+            remarks.append(Remark(number, f"{held_sentence(effect, beyond)} ({rows.size} values)"))
+    return is_held, remarks
 
 
 def _statuses(
@@ -265,20 +265,20 @@ def _statuses(
         if reading is None:
             continue
         use = takes_part[part.number][rows] & reading.is_read
-        for said in GRAVITY[1:]:
-            own = rows[use & (reading.status == said)]
-            graver = [GRAVITY.index(s) < GRAVITY.index(said) for s in status[own]]
-            status[own[np.array(graver, dtype=np.bool_)]] = said
+        for candidate in GRAVITY[1:]:
+            concerned = rows[use & (reading.status == candidate)]
+            graver = [GRAVITY.index(s) < GRAVITY.index(candidate) for s in status[concerned]]
+            status[concerned[np.array(graver, dtype=np.bool_)]] = candidate
         moved += read_beyond_maps(model, part.number, part.term, reading, use)
     return status, moved
 
 
 def _shows(projection: Projection, effect: Effect) -> BoolArray:
     """Say in which rows the components of an effect show."""
-    found = np.zeros(len(projection.rows), dtype=np.bool_)
+    shows = np.zeros(len(projection.rows), dtype=np.bool_)
     for code in effect.components:
-        found[projection.view(code).rows] = True
-    return found
+        shows[projection.view(code).rows] = True
+    return shows
 
 
 def _rows_beyond(
@@ -287,18 +287,18 @@ def _rows_beyond(
     """List what lies outside where an effect was learnt, with the rows in which it does."""
     if effect.valid is None or effect.adds_nothing:
         return []
-    found = []
+    outsides = []
     for code in effect.components:
         view = projection.view(code)
-        found += [
+        outsides += [
             (beyond, view.rows[beyond.is_beyond & takes_part[view.rows]])
             for beyond in positions_beyond(effect, code, view.places)
         ]
-    shown = takes_part & _shows(projection, effect)
-    rows = np.flatnonzero(shown)
+    in_effect = takes_part & _shows(projection, effect)
+    rows = np.flatnonzero(in_effect)
     there = projection.conditions.take(rows)
     for beyond in conditions_beyond(projection.model, effect, there):
-        own = [projection.view(code).rows for code in beyond.components or effect.components]
+        view_rows = [projection.view(code).rows for code in beyond.components or effect.components]
         outside = rows[beyond.is_beyond]
-        found.append((beyond, outside[np.isin(outside, np.concatenate(own))]))
-    return [one for one in found if one[1].size]
+        outsides.append((beyond, outside[np.isin(outside, np.concatenate(view_rows))]))
+    return [pair for pair in outsides if pair[1].size]

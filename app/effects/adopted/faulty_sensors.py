@@ -39,7 +39,7 @@ def set_faulty_aside(
     model: CompiledModel, effects: Sequence[Effect], conditions: Conditions
 ) -> SetAside:
     """Find where stand-ins serve for sensors that read wrong."""
-    found: dict[int, BoolArray] = {}
+    lacking: dict[int, BoolArray] = {}
     temperatures = dict(conditions.temperatures_c)
     for number, effect in enumerate(effects):
         if effect.kind != SensorFault.kind:
@@ -51,27 +51,27 @@ def set_faulty_aside(
         if effect.variant == BIAS:
             there &= np.isnan(conditions.temperature(sensor))
         if there.any():
-            found[number] = there
+            lacking[number] = there
             if sensor in temperatures:
                 temperatures[sensor] = np.where(there, np.nan, temperatures[sensor])
     return SetAside(
-        found, replace(conditions, temperatures_c=temperatures) if found else conditions
+        lacking, replace(conditions, temperatures_c=temperatures) if lacking else conditions
     )
 
 
 def _is_active(effect: Effect, conditions: Conditions) -> BoolArray:
-    found: BoolArray = np.any([term.driver.at(conditions) != 0.0 for term in effect.terms], axis=0)
-    return found
+    active: BoolArray = np.any([term.driver.at(conditions) != 0.0 for term in effect.terms], axis=0)
+    return active
 
 
 def _can_be_replaced(
     model: CompiledModel, sensor: str, temperatures_c: Mapping[str, FloatArray], n: int
 ) -> BoolArray:
     """Say at which of n moments all components of a sensor have another with a temperature."""
-    found = np.ones(n, dtype=np.bool_)
+    replaceable = np.ones(n, dtype=np.bool_)
     for group in model.groups:
         if group.sensor == sensor:
             others = [temperatures_c.get(scale.sensor) for scale in group.scales[1:]]
-            known = [~np.isnan(t) for t in others if t is not None]
-            found &= np.any(known, axis=0) if known else False
-    return found
+            present = [~np.isnan(t) for t in others if t is not None]
+            replaceable &= np.any(present, axis=0) if present else False
+    return replaceable

@@ -48,14 +48,14 @@ def read_maps(
     OutsideMaps
         If the machine's policy does not allow another sensor's temperature.
     """
-    found: list[ReadMaps] = []
+    maps_read: list[ReadMaps] = []
     for effect in effects:
-        held = moment if effect.valid is None else effect.valid.held(moment)
+        limited = moment if effect.valid is None else effect.valid.held(moment)
         for term in effect.terms:
             if term.component == code and isinstance(term.shape, Exchange):
-                share = term.coefficient * float(term.driver.at(held)[0])
-                found += _exchanged(model, code, term.shape, held, share)
-    return _summed([ReadMaps(1.0, origin), *found]) if found else []
+                share = term.coefficient * float(term.driver.at(limited)[0])
+                maps_read += _exchanged(model, code, term.shape, limited, share)
+    return _summed([ReadMaps(1.0, origin), *maps_read]) if maps_read else []
 
 
 def basis_of_maps(read: Sequence[ReadMaps]) -> Basis:
@@ -68,12 +68,12 @@ def basis_of_maps(read: Sequence[ReadMaps]) -> Basis:
         where the numbers are not on one line between two maps.
     """
     shares: dict[str, float] = {}
-    for one in read:  # held, the assigned sensor is read at two temperatures
-        shares[one.state.sensor] = shares.get(one.state.sensor, 0.0) + one.share
-    read = sorted(read, key=lambda one: (-shares[one.state.sensor], -one.share))
+    for map_read in read:  # held, the assigned sensor is read at two temperatures
+        shares[map_read.state.sensor] = shares.get(map_read.state.sensor, 0.0) + map_read.share
+    read = sorted(read, key=lambda item: (-shares[item.state.sensor], -item.share))
     main = read[0].state
     lower, upper, weight = _between(read, main)
-    status = max((one.state.status for one in read), key=GRAVITY.index)
+    status = max((map_read.state.status for map_read in read), key=GRAVITY.index)
     if status is Status.AT_MAP and weight not in (0.0, 1.0):
         status = Status.INTERPOLATED
     return Basis(
@@ -85,20 +85,21 @@ def basis_of_maps(read: Sequence[ReadMaps]) -> Basis:
         status=status,
         stand_in_for=main.stand_in_for,
         follows=tuple(
-            Follows(one.state.sensor, one.state.temperature_c, one.share) for one in read
+            Follows(map_read.state.sensor, map_read.state.temperature_c, map_read.share)
+            for map_read in read
         ),
     )
 
 
 def _exchanged(
-    model: CompiledModel, code: str, shape: Exchange, held: Conditions, share: float
+    model: CompiledModel, code: str, shape: Exchange, limited: Conditions, share: float
 ) -> Iterator[ReadMaps]:
-    other, found = shape.by_other(model, code), model.find(code)
-    if other is None or found is None:
+    other, located = shape.by_other(model, code), model.find(code)
+    if other is None or located is None:
         return
-    for part, group in ((share, other), (-share, found[0])):
+    for part, group in ((share, other), (-share, located[0])):
         scale = group.scales[0]
-        temperature_c = float(held.temperature(scale.sensor)[0])
+        temperature_c = float(limited.temperature(scale.sensor)[0])
         yield ReadMaps(part, model.group_at(group, scale, temperature_c))
 
 
@@ -107,13 +108,15 @@ def _summed(read: Iterable[ReadMaps]) -> list[ReadMaps]:
 
     On another scale the same temperature of the same sensor means other maps.
     """
-    found: dict[tuple[str, float, Scale], ReadMaps] = {}
-    for one in read:
-        scale = one.state.group.scales[0]
-        key = (one.state.sensor, one.state.temperature_c, scale)
-        before = found.get(key)
-        found[key] = one if before is None else before._replace(share=before.share + one.share)
-    return [one for one in found.values() if abs(one.share) > ROUNDING]
+    by_state: dict[tuple[str, float, Scale], ReadMaps] = {}
+    for map_read in read:
+        scale = map_read.state.group.scales[0]
+        key = (map_read.state.sensor, map_read.state.temperature_c, scale)
+        before = by_state.get(key)
+        by_state[key] = (
+            map_read if before is None else before._replace(share=before.share + map_read.share)
+        )
+    return [map_read for map_read in by_state.values() if abs(map_read.share) > ROUNDING]
 
 
 def _between(

@@ -111,10 +111,10 @@ def read_beyond_maps(
     ReadBeyondMaps
         The farthest temperature of each status.
     """
-    found = model.find(term.component)
-    if found is None or isinstance(term.shape, Exchange):
+    located = model.find(term.component)
+    if located is None or isinstance(term.shape, Exchange):
         return
-    scale = found[0].scales[0]
+    scale = located[0].scales[0]
     ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
     for status in _OUTSIDE:
         there = np.flatnonzero(use & reading.is_read & (reading.status == status))
@@ -137,22 +137,24 @@ def beyond_maps_sentences(
 ) -> list[Remark]:
     """Say which effects read the maps outside of them, and what was done."""
     codes: dict[ReadBeyondMaps, list[str]] = {}
-    for one in moved:
-        codes.setdefault(one._replace(component=""), []).append(one.component)
-    found = []
-    for one, own in codes.items():
-        done = "extrapolated" if one.status == Status.EXTRAPOLATED else "held"
-        refused = ", because the machine's policy allows no table there" if one.is_refused else ""
-        values = f" ({one.values} values)" if one.values else ""
-        found.append(
+    for reading in moved:
+        codes.setdefault(reading._replace(component=""), []).append(reading.component)
+    remarks = []
+    for reading, components in codes.items():
+        done = "extrapolated" if reading.status == Status.EXTRAPOLATED else "held"
+        refused = (
+            ", because the machine's policy allows no table there" if reading.is_refused else ""
+        )
+        values = f" ({reading.values} values)" if reading.values else ""
+        remarks.append(
             Remark(
-                one.effect,
-                f"{effects[one.effect].kind} of {list_names(own)} reads the maps at "
-                f"{one.temperature_c:g} °C of {one.sensor}, outside their range of "
-                f"{one.ends_c[0]:g} to {one.ends_c[1]:g} °C: {done}{refused}{values}",
+                reading.effect,
+                f"{effects[reading.effect].kind} of {list_names(components)} reads the maps at "
+                f"{reading.temperature_c:g} °C of {reading.sensor}, outside their range of "
+                f"{reading.ends_c[0]:g} to {reading.ends_c[1]:g} °C: {done}{refused}{values}",
             )
         )
-    return found
+    return remarks
 
 
 def with_held(status: str) -> str:
@@ -181,8 +183,8 @@ def conditions_beyond(
         edges = widened(learnt, 0.0, _resolution_c(model, sensor))
         values = conditions.temperature(sensor)
         acts_on = _held_by(model, effect, Signal("temperature", sensor))
-        for found in _outside(f"{sensor}", "°C", learnt, edges, values):
-            yield found._replace(
+        for outside in _outside(f"{sensor}", "°C", learnt, edges, values):
+            yield outside._replace(
                 is_held=bool(acts_on), components=acts_on or _made_of(effect, sensor)
             )
     for name, learnt in valid.state.items():
@@ -196,9 +198,9 @@ def conditions_beyond(
         least = max((_least(model, signal) for signal, _ in driver.signals), default=0.0)
         edges = widened(learnt, DRIVER_MARGIN, least)
         values = driver.at(conditions)
-        for found in _outside(quantity.name, quantity.unit, learnt, edges, values):
+        for outside in _outside(quantity.name, quantity.unit, learnt, edges, values):
             low, high = learnt
-            yield found._replace(
+            yield outside._replace(
                 learnt=(low + quantity.zero, high + quantity.zero),
                 values=values + quantity.zero,
                 components=tuple(dict.fromkeys(term.component for term in terms)),
@@ -211,8 +213,8 @@ def conditions_beyond(
         # Backwards it leaves out as much as forwards.
         edges = (valid.from_s - (until_s - valid.grows_until_s), until_s)
         learnt = (valid.from_s, valid.to_s)
-        for found in _outside("time", "", learnt, edges, conditions.times_s):
-            yield found._replace(is_time=True)
+        for outside in _outside("time", "", learnt, edges, conditions.times_s):
+            yield outside._replace(is_time=True)
 
 
 def _columns_beyond(
@@ -245,8 +247,8 @@ def positions_beyond(effect: Effect, code: str, places: Places) -> Iterator[Outs
     if valid is None or edges is None or not along:
         return
     learnt = valid.positions_mm[code]
-    for found in _outside(f"positions of {code}", "mm", learnt, edges, places.positions_mm):
-        yield found._replace(component=code, components=(code,))
+    for outside in _outside(f"positions of {code}", "mm", learnt, edges, places.positions_mm):
+        yield outside._replace(component=code, components=(code,))
 
 
 def held_sentence(effect: Effect, beyond: OutsideRange) -> str:
@@ -341,8 +343,8 @@ def _outside(
 
 def _held_by(model: CompiledModel, effect: Effect, signal: Signal) -> tuple[str, ...]:
     """List the components of which a signal is moved to the edge."""
-    held = (t.component for t in effect.terms if signal in t.held_signals(model))
-    return tuple(dict.fromkeys(held))
+    codes = (t.component for t in effect.terms if signal in t.held_signals(model))
+    return tuple(dict.fromkeys(codes))
 
 
 def _made_of(effect: Effect, sensor: str) -> tuple[str, ...]:
@@ -356,8 +358,8 @@ def _made_of(effect: Effect, sensor: str) -> tuple[str, ...]:
 
 
 def _resolution_c(model: CompiledModel, sensor: str) -> float:
-    known = model.machine.sensors.get(sensor)
-    return known.resolution_c if known else 0.0
+    declared = model.machine.sensors.get(sensor)
+    return declared.resolution_c if declared else 0.0
 
 
 def _least(model: CompiledModel, signal: Signal) -> float:

@@ -91,44 +91,45 @@ def add_effects(
         allow.
     """
     aside = set_faulty_aside(model, effects, moment).effects
-    found = corrected_tables(model, effects, moment, table.states)
-    missing = {m.effect: m.reason for m in found.missing}
+    live = corrected_tables(model, effects, moment, table.states)
+    missing = {m.effect: m.reason for m in live.missing}
     dealt_with = {*aside, *missing}
-    said = [
+    reports = [
         _in_table(
             effect,
             missing.get(i, ""),
-            [r.sentence for r in found.held if r.effect == i],
+            [r.sentence for r in live.held if r.effect == i],
             () if i in dealt_with else sureness(effect, moment),
         )
         for i, effect in enumerate(effects)
     ]
     old = [
-        f"{said[i].kind} of {list_names(effect.components)} rests on an old temperature of {sensor}"
+        f"{reports[i].kind} of {list_names(effect.components)} rests on an old temperature "
+        f"of {sensor}"
         for i, effect in enumerate(effects)
         for sensor in effect.sensors
         if sensor in stale and i not in missing
     ]
-    own = found.tables
-    read = _read_maps(model, own, effects, moment)
+    tables = live.tables
+    read = _read_maps(model, tables, effects, moment)
     by_others = _by_others(table, read)
-    shortened = _shortenings(table, own)
-    corrected = [_corrected(c, effects, read.get(c.component.code)) for c in own]
-    outside = [r.sentence for r in (*found.held, *found.unlearnt)]
+    shortened = _shortenings(table, tables)
+    corrected = [_corrected(c, effects, read.get(c.component.code)) for c in tables]
+    outside = [r.sentence for r in (*live.held, *live.unlearnt)]
     is_complete = table.complete_where_it_reaches and not missing and not old
     return table._replace(
-        complete=is_complete and not outside and not shortened and not found.refused,
+        complete=is_complete and not outside and not shortened and not live.refused,
         warnings=[
             *_warnings_of_maps(table, read, by_others),
             *shortened,
             *old,
-            *_left_out(said),
+            *_left_out(reports),
             *outside,
-            *(remark.sentence for remark in found.moved),
+            *(remark.sentence for remark in live.moved),
             *_read_on(effects, moment, dealt_with),
         ],
         corrected=_with_stand_ins(table, effects, aside, corrected),
-        effects=said,
+        effects=reports,
     )
 
 
@@ -140,17 +141,17 @@ def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
     moment
         Conditions of one moment.
     """
-    found = []
+    sure = []
     for term in effect.terms:
         if isinstance(term.driver, Responding):
             expected = term.driver.expected(moment)
             parts = (expected.mean, expected.learnt, expected.wander, expected.corrected)
-            found.append(Sureness(term.component, *(float(part[0]) for part in parts)))
-    return found
+            sure.append(Sureness(term.component, *(float(part[0]) for part in parts)))
+    return sure
 
 
 def _in_table(
-    effect: Effect, missing: str, held: Sequence[str], sure: Sequence[Sureness]
+    effect: Effect, missing: str, at_edge: Sequence[str], sure: Sequence[Sureness]
 ) -> EffectInTable:
     return EffectInTable(
         effect.kind,
@@ -158,7 +159,7 @@ def _in_table(
         effect.sensors,
         explain(effect),
         missing,
-        held,
+        at_edge,
         effect.learnt_fields,
         use_until(effect),
         sure,
@@ -167,19 +168,23 @@ def _in_table(
 
 def _read_maps(
     model: CompiledModel,
-    own: Iterable[CorrectedTable],
+    tables: Iterable[CorrectedTable],
     effects: Sequence[Effect],
     moment: Conditions,
 ) -> dict[str, list[ReadMaps]]:
     """Say of components whose sensor an effect exchanges by which sensors their maps are read."""
-    found = {
-        one.component.code: read_maps(
-            model, one.origin, one.component.code, [effects[i] for i in one.effects], moment
+    by_code = {
+        corrected.component.code: read_maps(
+            model,
+            corrected.origin,
+            corrected.component.code,
+            [effects[i] for i in corrected.effects],
+            moment,
         )
-        for one in own
-        if one.origin is not None
+        for corrected in tables
+        if corrected.origin is not None
     }
-    return {code: read for code, read in found.items() if read}
+    return {code: read for code, read in by_code.items() if read}
 
 
 def _by_others(
@@ -187,7 +192,12 @@ def _by_others(
 ) -> list[GroupState]:
     """List where components lie by sensors that they are not assigned to."""
     plain = {id(state) for state in table.states}
-    return [one.state for own in read.values() for one in own if id(one.state) not in plain]
+    return [
+        map_read.state
+        for maps_read in read.values()
+        for map_read in maps_read
+        if id(map_read.state) not in plain
+    ]
 
 
 def _warnings_of_maps(
@@ -199,33 +209,35 @@ def _warnings_of_maps(
 
     How far the rows reach is said elsewhere (`_shortenings`).
     """
-    kept = {id(one.state) for own in read.values() for one in own}
+    in_use = {id(map_read.state) for maps_read in read.values() for map_read in maps_read}
     by_assigned = [
         state._replace(group=replace(state.group, members=members))
         for state in table.states
         if (
             members := tuple(
-                m for m in state.group.members if id(state) in kept or m.component.code not in read
+                m
+                for m in state.group.members
+                if id(state) in in_use or m.component.code not in read
             )
         )
     ]
-    said = {words for state in table.states for words in shortenings(state)}
-    said |= set(remarks(table.states)) if read else set()
+    outdated = {words for state in table.states for words in shortenings(state)}
+    outdated |= set(remarks(table.states)) if read else set()
     if not read:
-        return [warning for warning in table.warnings if warning not in said]
+        return [warning for warning in table.warnings if warning not in outdated]
     return [
-        *(warning for warning in table.warnings if warning not in said),
+        *(warning for warning in table.warnings if warning not in outdated),
         *remarks([*by_assigned, *by_others]),
     ]
 
 
-def _shortenings(table: CompensationTable, own: Sequence[CorrectedTable]) -> list[str]:
+def _shortenings(table: CompensationTable, tables: Sequence[CorrectedTable]) -> list[str]:
     """Say which components end earlier than other maps of theirs, by the maps that enter."""
-    codes = {one.component.code for one in own}
+    codes = {one.component.code for one in tables}
     plain = [words for state in table.states for words in shortenings(state, codes)]
     corrected = [
         (code, one.maps.shortened[code])
-        for one in own
+        for one in tables
         if one.maps is not None and (code := one.component.code) in one.maps.shortened
     ]
     return [*plain, *sentences(corrected)]
@@ -254,25 +266,25 @@ def _read_on(
 
 
 def _corrected(
-    found: CorrectedTable, effects: Sequence[Effect], read: Sequence[ReadMaps] | None
+    table: CorrectedTable, effects: Sequence[Effect], read: Sequence[ReadMaps] | None
 ) -> ComponentCompensation:
     if read:
         basis = basis_of_maps(read)
     else:
-        basis = NO_MAPS if found.origin is None else Basis.of(found.origin)
-    if found.status is not None:
-        basis = replace(basis, status=max(basis.status, found.status, key=GRAVITY.index))
-    if found.is_held:
+        basis = NO_MAPS if table.origin is None else Basis.of(table.origin)
+    if table.status is not None:
+        basis = replace(basis, status=max(basis.status, table.status, key=GRAVITY.index))
+    if table.is_held:
         basis = replace(basis, status=with_held(basis.status))
     return ComponentCompensation(
-        component=found.component,
-        positions_mm=found.positions_mm,
-        errors=found.errors,
-        backward_errors=found.backward_errors,
+        component=table.component,
+        positions_mm=table.positions_mm,
+        errors=table.errors,
+        backward_errors=table.backward_errors,
         standard_errors=None,
         backward_standard_errors=None,
         basis=basis,
-        effects=tuple(dict.fromkeys(effects[i].kind for i in found.effects)),
+        effects=tuple(dict.fromkeys(effects[i].kind for i in table.effects)),
     )
 
 
@@ -287,9 +299,9 @@ def _with_stand_ins(
         return list(corrected)
     faults = {code for i in aside for code in effects[i].components}
     plain = [entry for state in table.states for entry in group_compensation(state)]
-    found = {entry.component.code: entry for entry in plain if entry.component.code in faults}
-    found |= {entry.component.code: entry for entry in corrected}
+    by_code = {entry.component.code: entry for entry in plain if entry.component.code in faults}
+    by_code |= {entry.component.code: entry for entry in corrected}
     return [
         replace(entry, effects=(SensorFault.kind, *entry.effects)) if code in faults else entry
-        for code, entry in found.items()
+        for code, entry in by_code.items()
     ]

@@ -90,8 +90,8 @@ class Growth(NamedTuple):
 
     def days_after(self, continued_days: float) -> float:
         """Say how long after going on for so long its error reaches the scatter [days]."""
-        left = self.scatter - SURELY * self.error_per_day * continued_days
-        return left / max(self.per_day + SURELY * self.error_per_day, np.finfo(float).tiny)
+        margin = self.scatter - SURELY * self.error_per_day * continued_days
+        return margin / max(self.per_day + SURELY * self.error_per_day, np.finfo(float).tiny)
 
 
 def growths(
@@ -121,20 +121,20 @@ def growths(
         Empty where nothing grows.
     """
     growing = {t.component for ts in amplitudes for t in ts if t.driver.grows_with_time}
-    found = []
+    bounds = []
     for code in growing:
         along = _along(amplitudes, code, projection, valid)
         spread = np.sqrt(np.einsum("ij,jk,ik->i", along, covariance, along))
-        found += [
+        bounds += [
             Growth(float(size), float(error), scatter / gain)
             for size, error in zip(np.abs(along @ coefficients), spread, strict=True)
             for scatter, gain in _scatter(projection, code, noise)
             if size + error > 0.0
         ]
-    return found
+    return bounds
 
 
-def limited_in_time(valid: Valid, found: Sequence[Growth], *, goes_on: bool = False) -> Valid:
+def limited_in_time(valid: Valid, growing: Sequence[Growth], *, goes_on: bool = False) -> Valid:
     """Say until when a growing effect goes on, and until when it may be used.
 
     Parameters
@@ -150,15 +150,15 @@ def limited_in_time(valid: Valid, found: Sequence[Growth], *, goes_on: bool = Fa
         standard errors while it goes on, |growth| and two of its standard errors from then on,
         where along the axis that is largest. As it was where nothing grows.
     """
-    if not found:
+    if not growing:
         return valid
     days = 0.0
     if goes_on:
         days = AGAIN * (valid.to_s - valid.from_s) / SECONDS_PER_DAY
         days = min(
-            [days, *(g.scatter / (SURELY * g.error_per_day) for g in found if g.error_per_day)]
+            [days, *(g.scatter / (SURELY * g.error_per_day) for g in growing if g.error_per_day)]
         )
-    until_days = days + min(growth.days_after(days) for growth in found)
+    until_days = days + min(growth.days_after(days) for growth in growing)
     return replace(
         valid,
         use_until_s=valid.to_s + min(until_days * SECONDS_PER_DAY, LONGEST_S),
@@ -173,15 +173,15 @@ def _along(
     edges = valid.edges_mm(code) or (np.nan, np.nan)
     places = Places(np.array(edges), np.zeros(2))
     moment = projection.conditions.take(np.zeros(2, dtype=np.intp))
-    one = np.ones(2)
-    found = np.zeros((2, len(amplitudes)))
+    ones = np.ones(2)
+    columns = np.zeros((2, len(amplitudes)))
     for j, terms in enumerate(amplitudes):
         for term in terms:
             if term.component == code and term.driver.grows_with_time:
-                found[:, j] += term.coefficient * term.shape.along(
-                    projection.model, code, places, moment, one
+                columns[:, j] += term.coefficient * term.shape.along(
+                    projection.model, code, places, moment, ones
                 )
-    return found
+    return columns
 
 
 def _scatter(
@@ -190,19 +190,21 @@ def _scatter(
     """List scatter and largest gain of the channels that show a component: its own alone if any."""
     view = projection.view(code)
     names, channel = projection.rows.channels, projection.rows.channel[view.rows]
-    shown = [n for n in view.channels if n in noise]
-    own = [n for n in shown if names[n] in COMPONENTS]
-    return [(noise[n], float(np.abs(view.gains[channel == n]).max())) for n in own or shown]
+    channels = [n for n in view.channels if n in noise]
+    of_component = [n for n in channels if names[n] in COMPONENTS]
+    return [
+        (noise[n], float(np.abs(view.gains[channel == n]).max())) for n in of_component or channels
+    ]
 
 
 def _used(view: View, use: BoolArray) -> View:
-    own = np.flatnonzero(use[view.rows])
+    concerned = np.flatnonzero(use[view.rows])
     return View(
-        view.rows[own],
+        view.rows[concerned],
         view.channels,
-        view.gains[own],
-        Places(view.places.positions_mm[own], view.places.directions[own]),
-        view.conditions.take(own),
+        view.gains[concerned],
+        Places(view.places.positions_mm[concerned], view.places.directions[concerned]),
+        view.conditions.take(concerned),
     )
 
 
@@ -225,5 +227,5 @@ def _until_maps(effect: Effect, learnt_c: Mapping[str, Range]) -> dict[str, Rang
 
 
 def _ranges(values: Mapping[str, Sequence[FloatArray]]) -> dict[str, Range]:
-    found = {name: range_of(np.concatenate(own)) for name, own in values.items()}
-    return {name: learnt for name, learnt in found.items() if learnt is not None}
+    ranges = {name: range_of(np.concatenate(parts)) for name, parts in values.items()}
+    return {name: learnt for name, learnt in ranges.items() if learnt is not None}

@@ -142,29 +142,33 @@ def corrected_tables(
             break
         # An effect is left out whole, and what is left can then be made of other maps.
         missing += [Missing(n, effects[n].kind, reason) for n, reason in sorted(lost.items())]
-        left = {code: [(n, t) for n, t in own if n not in lost] for code, own in terms.items()}
-        terms = defaultdict(list, {code: own for code, own in left.items() if own})
-    found = [row.table for row in rows]
-    taking_part = sorted({number for table in found for number in table.effects})
-    places_of_code = {table.component.code: table.positions_mm for table in found}
+        remaining = {
+            code: [(n, t) for n, t in pairs if n not in lost] for code, pairs in terms.items()
+        }
+        terms = defaultdict(list, {code: pairs for code, pairs in remaining.items() if pairs})
+    tables = [row.table for row in rows]
+    taking_part = sorted({number for table in tables for number in table.effects})
+    places_of_code = {table.component.code: table.positions_mm for table in tables}
     outside = [
-        (number, one)
+        (number, beyond)
         for number in taking_part
-        for one in _beyond(model, effects[number], moment, places_of_code)
+        for beyond in _beyond(model, effects[number], moment, places_of_code)
     ]
-    held = [(number, one) for number, one in outside if one.is_held]
-    seen = [(number, one) for number, one in outside if not one.is_held]
-    moved = [one for row in rows for one in row.moved]
+    at_edges = [(number, beyond) for number, beyond in outside if beyond.is_held]
+    seen = [(number, beyond) for number, beyond in outside if not beyond.is_held]
+    moved = [map_read for row in rows for map_read in row.moved]
     return LiveEffects(
-        tuple(replace(table, is_held=_is_held(table, held)) for table in found),
+        tuple(replace(table, is_held=_is_held(table, at_edges)) for table in tables),
         tuple(missing),
-        tuple(Remark(number, held_sentence(effects[number], one)) for number, one in held),
+        tuple(
+            Remark(number, held_sentence(effects[number], beyond)) for number, beyond in at_edges
+        ),
         (
-            *(Remark(number, held_sentence(effects[number], one)) for number, one in seen),
-            *(Remark(n, said) for n in taking_part if (said := unknown_range(effects[n]))),
+            *(Remark(number, held_sentence(effects[number], beyond)) for number, beyond in seen),
+            *(Remark(n, sentence) for n in taking_part if (sentence := unknown_range(effects[n]))),
         ),
         tuple(beyond_maps_sentences(effects, moved)),
-        frozenset(one.effect for one in moved if one.is_refused),
+        frozenset(map_read.effect for map_read in moved if map_read.is_refused),
     )
 
 
@@ -177,19 +181,19 @@ def _beyond(
     """List what lies outside where an effect was learnt, at a moment and in its tables."""
     if effect.adds_nothing:
         return []
-    found = list(conditions_beyond(model, effect, moment))
+    outsides = list(conditions_beyond(model, effect, moment))
     for code in effect.components:
         at = positions_mm.get(code, np.empty(0))
-        found += positions_beyond(effect, code, Places(at, np.zeros(at.shape)))
-    return found
+        outsides += positions_beyond(effect, code, Places(at, np.zeros(at.shape)))
+    return outsides
 
 
-def _is_held(table: CorrectedTable, held: Sequence[tuple[int, OutsideRange]]) -> bool:
+def _is_held(table: CorrectedTable, at_edges: Sequence[tuple[int, OutsideRange]]) -> bool:
     """Whether what is held is in a component's row."""
     code = table.component.code
     return any(
         number in table.effects and (not beyond.components or code in beyond.components)
-        for number, beyond in held
+        for number, beyond in at_edges
     )
 
 
@@ -207,8 +211,8 @@ def _why_not(term: Term, model: CompiledModel, moment: Conditions) -> str:
     missing = term.why_missing(model, moment)
     if missing or not component.is_table:
         return missing
-    found = model.find(component.code)
-    reach = found[1].reach_mm if found else None
+    located = model.find(component.code)
+    reach = located[1].reach_mm if located else None
     return term.shape.why_no_table(*(reach or _travel(model, component, np.empty(0))))
 
 
@@ -229,18 +233,18 @@ def _row(
     ]
     lost = {n: NO_NUMBER for n, _, reading in read if not np.isfinite(reading.weights).all()}
     maps = None if origin is None else origin.maps
-    found = model.find(code)
-    if read and found is not None and not lost:
-        maps, weights = _maps_that_enter(*found, [r for _, _, r in read], origin)
+    located = model.find(code)
+    if read and located is not None and not lost:
+        maps, weights = _maps_that_enter(*located, [r for _, _, r in read], origin)
         if maps is None:
             lost = dict.fromkeys((n for n, _, _ in read), NOT_COMMON)
             maps = None if origin is None else origin.maps
     if read and not lost:
         positions, forward, backward = _of_maps(component, maps, weights)
     elif origin is not None:
-        own = origin.maps.member(code)
-        positions, forward = own.positions_mm, origin.values[own.forward]
-        backward = None if own.backward is None else origin.values[own.backward]
+        member = origin.maps.member(code)
+        positions, forward = member.positions_mm, origin.values[member.forward]
+        backward = None if member.backward is None else origin.values[member.backward]
     else:
         positions, forward, backward = np.empty(0), np.zeros(1), None
     of_maps = {id(term) for _, term, _ in read}
@@ -270,9 +274,9 @@ def _row(
         status=_gravest(reading for _, _, reading in read),
     )
     moved = [
-        one._replace(values=0)
+        beyond_map._replace(values=0)
         for number, term, reading in read
-        for one in read_beyond_maps(model, number, term, reading, np.ones(1, dtype=np.bool_))
+        for beyond_map in read_beyond_maps(model, number, term, reading, np.ones(1, dtype=np.bool_))
     ]
     return _Row(table, lost, moved)
 
@@ -313,8 +317,8 @@ def _of_maps(
 
 def _gravest(readings: Iterable[MapReading]) -> str | None:
     """Choose the gravest status of those temperatures at which maps are really read."""
-    said = [reading.status[0] for reading in readings if reading.is_read[0]]
-    return max(said, key=GRAVITY.index) if said else None
+    statuses = [reading.status[0] for reading in readings if reading.is_read[0]]
+    return max(statuses, key=GRAVITY.index) if statuses else None
 
 
 def _travel(model: CompiledModel, component: Component, own_mm: FloatArray) -> tuple[float, float]:
@@ -353,8 +357,8 @@ def _distinct(positions_mm: FloatArray) -> FloatArray:
     if positions_mm.size < 2:
         return positions_mm
     apart = np.diff(positions_mm) > CLOSEST_MM
-    found: FloatArray = positions_mm[np.concatenate([[True], apart])]
-    return found
+    distinct: FloatArray = positions_mm[np.concatenate([[True], apart])]
+    return distinct
 
 
 def _on(positions_mm: FloatArray, own_mm: FloatArray, values: FloatArray) -> FloatArray:

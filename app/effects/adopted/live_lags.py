@@ -57,11 +57,11 @@ class LiveLags(Lags):
         if state is None:
             return FromStart.unknown(len(times_s))
         max_gap_s = self._max_gap_s(signal)
-        found = [
+        of_signals = [
             state.from_start(time_s) if time_s - state.time_s <= max_gap_s else FromStart.unknown(1)
             for time_s in times_s.tolist()
         ]
-        return FromStart(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        return FromStart(*(np.concatenate(parts) for parts in zip(*of_signals, strict=True)))
 
     def unread(self, signal: Signal, time_constant_s: float, times_s: FloatArray) -> FloatArray:
         """Say which share of a filter's output rests on gaps."""

@@ -126,33 +126,33 @@ def _with_reason(part: Part, after: ModelWithEffects) -> Part:
 
 
 def _beyond(
-    one: ModelWithEffects, other: ModelWithEffects, known_states: Collection[str] | None
+    before: ModelWithEffects, other: ModelWithEffects, known_states: Collection[str] | None
 ) -> Iterator[Part]:
     """List what one has beyond the other, in the order of the components."""
-    gone = one.codes - other.codes
-    covered, others = coverage(one.model), coverage(other.model)
-    for code in sorted(one.codes, key=ORDER.__getitem__):
+    gone = before.codes - other.codes
+    covered, others = coverage(before.model), coverage(other.model)
+    for code in sorted(before.codes, key=ORDER.__getitem__):
         if code in gone:
             yield Part(code, What.COMPONENT, code)
         else:
-            yield from _table_beyond(code, one.model, other.model)
+            yield from _table_beyond(code, before.model, other.model)
             if code in covered and code in others:
-                both = (_on_axis(code, c[code], one.model.machine) for c in (covered, others))
+                both = (_on_axis(code, c[code], before.model.machine) for c in (covered, others))
                 for span in spans_beyond(*both):
                     yield _positions_part(code, covered[code].sensor, span)
-    if one.codes:
+    if before.codes:
         # Another reason than what is incomplete already counts for itself.
-        already = {_about(part) for part in _incomplete(one, known_states)}
+        already = {_about(part) for part in _incomplete(before, known_states)}
         for part in _incomplete(other, known_states):
             if part.component not in gone and _about(part) not in already:
                 yield part
 
 
-def _incomplete(one: ModelWithEffects, known_states: Collection[str] | None) -> Iterator[Part]:
+def _incomplete(before: ModelWithEffects, known_states: Collection[str] | None) -> Iterator[Part]:
     """List why tables of a version can never be complete."""
-    for code, why in one.model.omitted.items():
+    for code, why in before.model.omitted.items():
         yield Part(code, What.COMPLETENESS, f"completeness: {code} would not be in it, {why}")
-    for effect in one.effects:
+    for effect in before.effects:
         unknown = () if known_states is None else set(effect.states) - set(known_states)
         if unknown:
             yield Part(
@@ -177,7 +177,7 @@ class Span(NamedTuple):
     to_mm: float
 
 
-def spans_beyond(one: Coverage, other: Coverage) -> list[Span]:
+def spans_beyond(mine: Coverage, other: Coverage) -> list[Span]:
     """List the positions that one model's table has and another's lacks.
 
     Returns
@@ -196,19 +196,19 @@ def spans_beyond(one: Coverage, other: Coverage) -> list[Span]:
     >>> spans_beyond(long, short)
     [Span(from_c=20.0, to_c=24.0, from_mm=100.0, to_mm=500.0)]
     """
-    if one.sensor != other.sensor:
+    if mine.sensor != other.sensor:
         everywhere = (-math.inf, math.inf)
-        return [Span(*everywhere, *gap) for gap in _gaps(_always(one), _always(other))]
-    ends = sorted({t for i in (*one.intervals, *other.intervals) for t in (i.from_c, i.to_c)})
-    found: list[Span] = []
+        return [Span(*everywhere, *gap) for gap in _gaps(_always(mine), _always(other))]
+    ends = sorted({t for i in (*mine.intervals, *other.intervals) for t in (i.from_c, i.to_c)})
+    spans: list[Span] = []
     for low_c, high_c in pairwise(ends):
         inside_c = _between(low_c, high_c)
-        for gap in _gaps(_at(one, inside_c), _at(other, inside_c)):
-            before = next((s for s in found if s.to_c == low_c and s[2:] == gap), None)
+        for gap in _gaps(_at(mine, inside_c), _at(other, inside_c)):
+            before = next((s for s in spans if s.to_c == low_c and s[2:] == gap), None)
             if before is not None:
-                found.remove(before)
-            found.append(Span(low_c if before is None else before.from_c, high_c, *gap))
-    return found
+                spans.remove(before)
+            spans.append(Span(low_c if before is None else before.from_c, high_c, *gap))
+    return spans
 
 
 def _between(low_c: float, high_c: float) -> float:
@@ -220,8 +220,8 @@ def _between(low_c: float, high_c: float) -> float:
 
 def _at(covered: Coverage, t_c: float) -> tuple[float, float] | None:
     """Give the positions that are covered at a temperature [mm]; None without a table."""
-    found = next((i for i in covered.intervals if i.from_c <= t_c <= i.to_c), None)
-    return None if found is None else (found.from_mm, found.to_mm)
+    interval = next((i for i in covered.intervals if i.from_c <= t_c <= i.to_c), None)
+    return None if interval is None else (interval.from_mm, interval.to_mm)
 
 
 def _always(covered: Coverage) -> tuple[float, float] | None:
@@ -232,15 +232,15 @@ def _always(covered: Coverage) -> tuple[float, float] | None:
 
 
 def _gaps(
-    own: tuple[float, float] | None, others: tuple[float, float] | None
+    mine: tuple[float, float] | None, others: tuple[float, float] | None
 ) -> Iterator[tuple[float, float]]:
     """List the parts of one range that another leaves out [mm]."""
-    if own is None:
+    if mine is None:
         return
     if others is None:
-        yield own
+        yield mine
         return
-    for low, high in ((own[0], min(own[1], others[0])), (max(own[0], others[1]), own[1])):
+    for low, high in ((mine[0], min(mine[1], others[0])), (max(mine[0], others[1]), mine[1])):
         if low < high:
             yield low, high
 
@@ -261,24 +261,24 @@ def _on_axis(code: str, covered: Coverage, machine: Machine) -> Coverage:
     )
 
 
-def _table_beyond(code: str, one: CompiledModel, other: CompiledModel) -> Iterator[Part]:
+def _table_beyond(code: str, before: CompiledModel, other: CompiledModel) -> Iterator[Part]:
     """List the directions and the temperatures between maps that one has of a component."""
-    own, others = one.find(code), other.find(code)
-    if own is None or others is None:  # it consists of effects there
+    located, others = before.find(code), other.find(code)
+    if located is None or others is None:  # it consists of effects there
         return
-    if own[1].backward is not None and others[1].backward is None:
+    if located[1].backward is not None and others[1].backward is None:
         yield Part(code, What.DIRECTION, f"the two directions of {code}")
-    if own[0].sensor == others[0].sensor:
-        yield from _temperatures_beyond(code, own[0].scales[0], others[0].scales[0])
+    if located[0].sensor == others[0].sensor:
+        yield from _temperatures_beyond(code, located[0].scales[0], others[0].scales[0])
 
 
-def _temperatures_beyond(code: str, one: Scale, other: Scale) -> Iterator[Part]:
+def _temperatures_beyond(code: str, before: Scale, other: Scale) -> Iterator[Part]:
     """List the temperatures between the maps of one that are outside those of the other."""
-    (first, *_, last), (others_first, *_, others_last) = one.temperatures_c, other.temperatures_c
+    (first, *_, last), (others_first, *_, others_last) = before.temperatures_c, other.temperatures_c
     for low, high in ((first, min(last, others_first)), (max(first, others_last), last)):
         if low < high:
-            text = f"maps of {code} between {low:g} and {high:g} °C of {one.sensor}"
-            yield Part(code, What.TEMPERATURES, text, sensor=one.sensor, from_c=low, to_c=high)
+            text = f"maps of {code} between {low:g} and {high:g} °C of {before.sensor}"
+            yield Part(code, What.TEMPERATURES, text, sensor=before.sensor, from_c=low, to_c=high)
 
 
 def _positions_part(code: str, sensor: str, span: Span) -> Part:

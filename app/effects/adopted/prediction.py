@@ -95,20 +95,20 @@ def predict_with_effects(
     by_effects = added.status.reshape(-1, columns)
     gravest = [max(row, key=GRAVITY.index) for row in by_effects]
     read = _gravest(maps.status, gravest)
-    values[[said == OUTSIDE_MAPS for said in read]] = np.nan
-    held = set(each[added.is_held].tolist())
-    status = [with_held(said) if i in held else said for i, said in enumerate(read)]
-    status = [EFFECT_MISSING if i in lacking else said for i, said in enumerate(status)]
-    beyond = [one for one in maps.beyond if one.code not in added.beyond]
-    beyond += [one for own in added.beyond.values() for one in own]
+    values[[by_maps == OUTSIDE_MAPS for by_maps in read]] = np.nan
+    at_edges = set(each[added.is_held].tolist())
+    status = [with_held(by_maps) if i in at_edges else by_maps for i, by_maps in enumerate(read)]
+    status = [EFFECT_MISSING if i in lacking else by_maps for i, by_maps in enumerate(status)]
+    beyond = [reading for reading in maps.beyond if reading.code not in added.beyond]
+    beyond += [reading for readings in added.beyond.values() for reading in readings]
     return PredictedWithEffects(values, status, added.missing, tuple(beyond), added.held)
 
 
 def _gravest(maps: Sequence[str], effects: Sequence[str]) -> list[str]:
     """Say the gravest also of the temperatures at which effects read the maps."""
     return [
-        max(said, by_effects, key=GRAVITY.index) if said in GRAVITY else said
-        for said, by_effects in zip(maps, effects, strict=True)
+        max(by_maps, by_effects, key=GRAVITY.index) if by_maps in GRAVITY else by_maps
+        for by_maps, by_effects in zip(maps, effects, strict=True)
     ]
 
 

@@ -58,9 +58,9 @@ class AdditionalSensor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component with every sensor that is not its own, in two forms, at once and late."""
-        found = Proposals(not_testable=constant_sensors(self, view))
+        proposals = Proposals(not_testable=constant_sensors(self, view))
         grids = {
-            sensor: time_constants_s(self, view, Signal("temperature", sensor), found, LATE)
+            sensor: time_constants_s(self, view, Signal("temperature", sensor), proposals, LATE)
             for sensor in view.varying_sensors
         }
         for code in view.components:
@@ -70,10 +70,10 @@ class AdditionalSensor(EffectKind):
                         SINCE: AboveReference(sensor, view.reference_c(sensor)),
                         BEYOND: view.beyond_maps(code, sensor),
                     }
-                    found.hypotheses.extend(
+                    proposals.hypotheses.extend(
                         at_once_and_late(self.kind, view, code, drivers, grid_s)
                     )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say with which sensor what moves, how late, and how much."""

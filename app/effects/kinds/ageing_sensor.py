@@ -37,14 +37,14 @@ class AgeingSensor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every sensor that components follow, since the maps or since the first visit."""
-        found = Proposals()
+        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if not view.has_comparable_slope(codes):
-                found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                proposals.not_testable.append(self.refuse(sensor, OWN_ZEROS))
                 continue
             for variant, since_s in beginnings_s(view, codes[0]).items():
-                found.hypotheses.append(_hypothesis(sensor, codes, variant, since_s))
-        return found
+                proposals.hypotheses.append(_hypothesis(sensor, codes, variant, since_s))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how fast it ages."""

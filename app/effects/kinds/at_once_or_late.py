@@ -53,8 +53,8 @@ def at_once_and_late(
             yield _hypothesis(kind, view, code, driver, variant)
             if grid_s and variant in late:
                 tau = Nonlinear.time_constant(grid_s, EACH)
-                one = _hypothesis(kind, view, code, driver, f"{variant}, {LATE}")
-                yield replace(one, nonlinear=tau)
+                hypothesis = _hypothesis(kind, view, code, driver, f"{variant}, {LATE}")
+                yield replace(hypothesis, nonlinear=tau)
 
 
 def how_late(effect: Effect) -> str:

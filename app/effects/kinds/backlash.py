@@ -42,19 +42,19 @@ class Backlash(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component whose own axis came from both sides."""
-        found = Proposals()
+        proposals = Proposals()
         for code in view.tables:
             directions = view.projection.view(code).places.directions
             if not ((directions > 0).any() and (directions < 0).any()):
                 axis = str(COMPONENTS[code].axis).upper()
                 reason = f"{axis} was always approached from the same side"
-                found.not_testable.append(self.refuse(code, reason))
+                proposals.not_testable.append(self.refuse(code, reason))
                 continue
             rising = view.rising(code)
-            found.hypotheses.append(_hypothesis(code, None))
+            proposals.hypotheses.append(_hypothesis(code, None))
             if rising is not None:
-                found.hypotheses.append(_hypothesis(code, rising))
-        return found
+                proposals.hypotheses.append(_hypothesis(code, rising))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how large the reversal is."""

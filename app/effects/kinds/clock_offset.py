@@ -176,18 +176,18 @@ def _as_far_as_known(conditions: Conditions, sensor: str, by_s: float) -> FloatA
     If rows whose readings end before were not moved at all, one after the other would stop to be
     as the time grows, and what is likely would jump with each.
     """
-    found = conditions.temperature_later(sensor, by_s)
-    rows = np.flatnonzero(np.isnan(found))
+    values = conditions.temperature_later(sensor, by_s)
+    rows = np.flatnonzero(np.isnan(values))
     if rows.size:
         some = conditions.take(rows)
-        known, unknown = np.zeros(rows.size), np.full(rows.size, by_s)
+        reached, unknown = np.zeros(rows.size), np.full(rows.size, by_s)
         for _ in range(HALVED):
-            between = 0.5 * (known + unknown)
+            between = 0.5 * (reached + unknown)
             is_known = some.is_known_later(sensor, between)
-            known = np.where(is_known, between, known)
+            reached = np.where(is_known, between, reached)
             unknown = np.where(is_known, unknown, between)
-        found[rows] = some.temperature_later(sensor, known)
-    return found
+        values[rows] = some.temperature_later(sensor, reached)
+    return values
 
 
 def is_known_apart(view: CampaignView, sensor: str, by_s: float) -> bool:

@@ -61,7 +61,7 @@ class ExchangedSensors(EffectKind):
         Since some visit, only pairs that both are followed: of others there are many, and what one
         sensor alone shows from some time on is its own fault as well.
         """
-        found = Proposals(not_testable=constant_sensors(self, view))
+        proposals = Proposals(not_testable=constant_sensors(self, view))
         times = times_within(view)
         for pair, codes in _pairs(view):
             always = Hypothesis(
@@ -71,9 +71,9 @@ class ExchangedSensors(EffectKind):
                 supposed=partial(_supposed, pair),
                 expected=WHOLE,
             )
-            found.hypotheses.append(always)
+            proposals.hypotheses.append(always)
             if times and all(sensor in view.components_by_sensor for sensor in pair):
-                found.hypotheses.append(
+                proposals.hypotheses.append(
                     replace(
                         always,
                         variant=SINCE_VISIT,
@@ -81,36 +81,36 @@ class ExchangedSensors(EffectKind):
                         supposed=since(partial(_supposed, pair)),
                     )
                 )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say which two are exchanged."""
-        one, other = effect.sensors
+        first, other = effect.sensors
         then = ""
         if effect.variant == SINCE_VISIT:
             then = f" since about {date_text(effect.parameters['changed_at_unix_s'])}"
         return (
-            f"{one} and {other} are swapped{then}: each reads the temperature of the other's "
+            f"{first} and {other} are swapped{then}: each reads the temperature of the other's "
             f"place (seen in {components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say which plugs to swap."""
-        one, other = effect.sensors
+        first, other = effect.sensors
         return (
-            f"Swap the plugs of {one} and {other}, or their names where readings are sent, then "
+            f"Swap the plugs of {first} and {other}, or their names where readings are sent, then "
             "measure and analyse again: readings that are already stored stay swapped."
         )
 
 
 def _pairs(view: CampaignView) -> Iterator[tuple[tuple[str, str], tuple[str, ...]]]:
     followed = view.components_by_sensor
-    for one, other in combinations(view.varying_sensors, 2):
-        codes = (*followed.get(one, ()), *followed.get(other, ()))
+    for first, other in combinations(view.varying_sensors, 2):
+        codes = (*followed.get(first, ()), *followed.get(other, ()))
         if codes:
-            yield (one, other), codes
+            yield (first, other), codes
 
 
 def _supposed(pair: tuple[str, str], projection: Projection, theta: float | None) -> FloatArray:
-    one, other = (projection.conditions.temperature(sensor) for sensor in pair)
-    return left_by_temperatures(projection, {pair[0]: other - one, pair[1]: one - other})
+    first, other = (projection.conditions.temperature(sensor) for sensor in pair)
+    return left_by_temperatures(projection, {pair[0]: other - first, pair[1]: first - other})

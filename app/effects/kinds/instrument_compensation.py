@@ -96,15 +96,15 @@ class InstrumentCompensation(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every sensor, with what one instrument may have measured: lines, points, or both."""
-        found = Proposals(not_testable=constant_sensors(self, view))
+        proposals = Proposals(not_testable=constant_sensors(self, view))
         measured = list(_measured_together(view))
         if not measured:
             reason = "needs positioning errors at two or more positions, or observations at points"
-            found.not_testable.append(self.refuse("lengths", reason))
+            proposals.not_testable.append(self.refuse("lengths", reason))
         for channels in measured:
             for sensor in view.varying_sensors:
-                found.hypotheses.extend(_hypotheses(view, channels, sensor))
-        return found
+                proposals.hypotheses.extend(_hypotheses(view, channels, sensor))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say what grows with what, by how much, and what would do so."""
@@ -167,7 +167,7 @@ def _is_length(view: CampaignView, code: str) -> bool:
 
 def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> Iterator[Hypothesis]:
     zeros_mm = {channel: _zero_mm(view, channel) for channel in channels}
-    one = Hypothesis(
+    hypothesis = Hypothesis(
         kind=InstrumentCompensation.kind,
         variant=_measured(channels),
         components=tuple(dict.fromkeys(_code(channel) for channel in channels)),
@@ -176,24 +176,28 @@ def _hypotheses(view: CampaignView, channels: tuple[str, ...], sensor: str) -> I
     )
     by_axis = _by_axis(channels)
     yield replace(
-        one,
+        hypothesis,
         nonlinear=Nonlinear(ASSUMED, 1.0, ASSUMED_C, (LEAST_C, MOST_C), log_scale=False),
         supposed=partial(_supposed, zeros_mm, sensor, channels),
         expected=AIR_OR_STEEL if len(by_axis) == 1 else None,
-        apart=[partial(_supposed, zeros_mm, sensor, own) for own in by_axis],
+        apart=[partial(_supposed, zeros_mm, sensor, axis_channels) for axis_channels in by_axis],
     )
     beyond = {channel: view.beyond_maps(_code(channel), sensor) for channel in channels}
     drivers = {channel: driver for channel, driver in beyond.items() if driver is not None}
     # What follows this sensor itself has maps that contain all of it: it shows no size.
-    left = _by_axis([channel for channel in channels if view.sensor_of(_code(channel)) != sensor])
-    if len(drivers) < len(channels) or len(left) < min(len(by_axis), FEWEST_AXES):
+    remaining = _by_axis(
+        [channel for channel in channels if view.sensor_of(_code(channel)) != sensor]
+    )
+    if len(drivers) < len(channels) or len(remaining) < min(len(by_axis), FEWEST_AXES):
         return
     yield replace(
-        one,
-        variant=", ".join(filter(None, (one.variant, BEYOND))),
+        hypothesis,
+        variant=", ".join(filter(None, (hypothesis.variant, BEYOND))),
         supposed=partial(_beyond_maps, zeros_mm, drivers, channels),
         expected=AIR_OR_STEEL if len(by_axis) == 1 else None,
-        apart=[partial(_beyond_maps, zeros_mm, drivers, own) for own in left],
+        apart=[
+            partial(_beyond_maps, zeros_mm, drivers, axis_channels) for axis_channels in remaining
+        ],
     )
 
 
@@ -226,9 +230,9 @@ def _zero_mm(view: CampaignView, channel: str) -> float:
 
 def _lengths(projection: Projection, channel: str, zero_mm: float) -> tuple[IntArray, FloatArray]:
     """Give a channel's rows, and what 1 µm/m does to each of them [µm]."""
-    own = projection.rows.of_channel(channel)
-    along = projection.rows.points_mm[own, LINEAR_LETTERS.index(_axis(channel))]
-    return own, np.asarray(um_from_urad_mm(1.0) * (along - zero_mm))
+    rows = projection.rows.of_channel(channel)
+    along = projection.rows.points_mm[rows, LINEAR_LETTERS.index(_axis(channel))]
+    return rows, np.asarray(um_from_urad_mm(1.0) * (along - zero_mm))
 
 
 def _supposed(
@@ -239,11 +243,11 @@ def _supposed(
     theta: float | None,
 ) -> FloatArray:
     above_k = projection.conditions.temperature(sensor) - float(theta or 0.0)
-    found = np.zeros(len(projection.rows))
+    supposed = np.zeros(len(projection.rows))
     for channel in channels:
-        own, lengths = _lengths(projection, channel, zeros_mm[channel])
-        found[own] = above_k[own] * lengths
-    return found
+        rows, lengths = _lengths(projection, channel, zeros_mm[channel])
+        supposed[rows] = above_k[rows] * lengths
+    return supposed
 
 
 def _beyond_maps(
@@ -253,8 +257,8 @@ def _beyond_maps(
     projection: Projection,
     theta: float | None,
 ) -> FloatArray:
-    found = np.zeros(len(projection.rows))
+    supposed = np.zeros(len(projection.rows))
     for channel in channels:
-        own, lengths = _lengths(projection, channel, zeros_mm[channel])
-        found[own] = drivers[channel].at(projection.conditions)[own] * lengths
-    return found
+        rows, lengths = _lengths(projection, channel, zeros_mm[channel])
+        supposed[rows] = drivers[channel].at(projection.conditions)[rows] * lengths
+    return supposed

@@ -67,18 +67,18 @@ class InstrumentWarmUp(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component, and every direction at points, that was observed in some visits."""
-        found = Proposals()
+        proposals = Proposals()
         for code in view.rows.channels:
-            own = view.rows.of_channel(code)
-            visits = np.unique(view.rows.visit[own]).size
+            chosen = view.rows.of_channel(code)
+            visits = np.unique(view.rows.visit[chosen]).size
             if visits < FEWEST_VISITS:
                 reason = (
                     f"needs at least {FEWEST_VISITS} set-ups in which it was observed, got {visits}"
                 )
-                found.not_testable.append(self.refuse(code, reason))
+                proposals.not_testable.append(self.refuse(code, reason))
                 continue
-            found.hypotheses.append(_hypothesis(code, _longest_s(view.rows, own)))
-        return found
+            proposals.hypotheses.append(_hypothesis(code, _longest_s(view.rows, chosen)))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say what settles, by how much, how fast."""
@@ -111,16 +111,16 @@ def _is_settling(effect: Effect) -> bool:
     return error <= TIME_KNOWN * effect.parameters[TIME_CONSTANT]
 
 
-def _longest_s(rows: ObservationRows, own: IntArray) -> float:
+def _longest_s(rows: ObservationRows, chosen: IntArray) -> float:
     """Say how long after a visit began one of its rows was observed, at most [s]."""
-    return max(float(np.max(_since_s(rows, own))), 1.0)
+    return max(float(np.max(_since_s(rows, chosen))), 1.0)
 
 
-def _since_s(rows: ObservationRows, own: IntArray) -> FloatArray:
+def _since_s(rows: ObservationRows, chosen: IntArray) -> FloatArray:
     """Say for each of some rows how long ago its visit began [s]."""
     begun_s = np.full(int(rows.visit.max()) + 1, np.inf)
     np.minimum.at(begun_s, rows.visit, rows.times_s)
-    return np.asarray(rows.times_s[own] - begun_s[rows.visit[own]])
+    return np.asarray(rows.times_s[chosen] - begun_s[rows.visit[chosen]])
 
 
 def _hypothesis(code: str, longest_s: float) -> Hypothesis:
@@ -149,7 +149,7 @@ def _supposed(
     code: str, longest_s: float, projection: Projection, theta: float | None
 ) -> FloatArray:
     rows, tau_s = projection.rows, float(theta or TIME_CONSTANTS_S[0])
-    found = np.zeros(len(rows))
-    own = rows.of_channel(code)
-    found[own] = np.expm1(-_since_s(rows, own) / tau_s) / np.expm1(-longest_s / tau_s)
-    return found
+    supposed = np.zeros(len(rows))
+    measured = rows.of_channel(code)
+    supposed[measured] = np.expm1(-_since_s(rows, measured) / tau_s) / np.expm1(-longest_s / tau_s)
+    return supposed

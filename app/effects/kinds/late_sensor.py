@@ -45,11 +45,11 @@ class LateSensor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every sensor that several components follow."""
-        found = Proposals()
+        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if len(codes) < FEWEST_COMPONENTS:
                 reason = f"only {codes[0]} follows it, and may lead it for reasons of its own"
-                found.not_testable.append(self.refuse(sensor, reason))
+                proposals.not_testable.append(self.refuse(sensor, reason))
                 continue
             possible = (minutes * SECONDS_PER_MIN for minutes in LATE_MIN)
             grid = tuple(by_s for by_s in possible if is_known_apart(view, sensor, by_s))
@@ -57,9 +57,9 @@ class LateSensor(EffectKind):
                 reason = (
                     "it did not change, or has too few readings some minutes after the observations"
                 )
-                found.not_testable.append(self.refuse(sensor, reason))
+                proposals.not_testable.append(self.refuse(sensor, reason))
                 continue
-            found.hypotheses.append(
+            proposals.hypotheses.append(
                 Hypothesis(
                     kind=self.kind,
                     components=codes,
@@ -69,7 +69,7 @@ class LateSensor(EffectKind):
                     expected=WHOLE,
                 )
             )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how late."""

@@ -81,16 +81,16 @@ class MapFactor(EffectKind):
         have = verb(effect.components, "has", "have")
         are = verb(effect.components, "is", "are")
         possible = _possible(effect)
-        said = [_how_wrong(factor) for factor in possible if factor != WRONG_SIGN]
+        errors = [_how_wrong(factor) for factor in possible if factor != WRONG_SIGN]
         if _is_nothing_left(effect):
             it = verb(effect.components, "it", "they")
             return (
                 f"the measured values show nothing of {what}{where}: {it} {are} wrong as a "
-                f"whole, or {' or '.join(said)}"
+                f"whole, or {' or '.join(errors)}"
             )
         if WRONG_SIGN in possible:
             return f"{what}{where} {have} the wrong sign"
-        return f"{what}{where} {are} {' or '.join(said)}"
+        return f"{what}{where} {are} {' or '.join(errors)}"
 
     def which_map(self, variant: str) -> str:
         """Give the map's label: the variant."""
@@ -116,14 +116,14 @@ class MapFactor(EffectKind):
         """
         if MULTIPLY not in effect.parameters:
             return ""
-        found, error = effect.parameters[MULTIPLY], effect.standard_errors.get(MULTIPLY, 0.0)
+        factor, error = effect.parameters[MULTIPLY], effect.standard_errors.get(MULTIPLY, 0.0)
         nearest = _possible(effect)[0]
         if _is_nothing_left(effect):
             return (
                 "nothing of the stored values is seen, by which a factor could be told: whatever "
                 "was wrong only while the map was measured would look the same"
             )
-        if _away(found, error, nearest) > SURE_FACTOR:
+        if _away(factor, error, nearest) > SURE_FACTOR:
             return (
                 f"they would have to be multiplied by {parameter(effect, MULTIPLY)}, which is no "
                 "factor of a unit or a sign"
@@ -135,10 +135,10 @@ def _tables(view: CampaignView) -> Iterator[tuple[tuple[str, ...], str]]:
     """List which tables may be wrong together: components, and a map's label or nothing."""
     labels: dict[str, list[str]] = {}
     for code in view.components:
-        found = view.model.find(code)
-        own = found[0].labels if found else ()
+        located = view.model.find(code)
+        map_labels = located[0].labels if located else ()
         yield (code,), ""
-        for label in own:
+        for label in map_labels:
             yield (code,), label
             labels.setdefault(label, []).append(code)
     together = [*labels.items(), *([("", list(view.components))] if labels else [])]
@@ -151,10 +151,10 @@ def _is_above_errors(view: CampaignView, codes: tuple[str, ...], label: str) -> 
     """Whether tables say clearly more than what they may be wrong by."""
     squares: list[float] = []
     for code in codes:
-        found = view.model.find(code)
-        for own in found[0].labels if found else ():
-            if label in ("", own):
-                having = (m for m in maps_of_label(view.maps, own) if code in m.tables)
+        located = view.model.find(code)
+        for map_label in located[0].labels if located else ():
+            if label in ("", map_label):
+                having = (m for m in maps_of_label(view.maps, map_label) if code in m.tables)
                 squares += [_square_over_error(m, m.tables[code]) for m in having]
     return bool(squares) and bool(np.mean(squares) > ABOVE_ITS_ERRORS**2)
 
@@ -172,13 +172,13 @@ def _times_others(view: CampaignView, codes: tuple[str, ...], label: str) -> flo
     """Say how many times as large a map's tables are as those of the same components elsewhere."""
     if not label:
         return np.inf
-    of_label = {id(one) for one in maps_of_label(view.maps, label)}
+    of_label = {id(error_map) for error_map in maps_of_label(view.maps, label)}
     squares: dict[bool, list[float]] = {True: [], False: []}
-    for one in view.maps:
-        tables = (one.tables[code] for code in codes if code in one.tables)
-        squares[id(one) in of_label] += [float(np.mean(table.errors**2)) for table in tables]
-    own, others = (float(np.mean(squares[which] or [0.0])) for which in (True, False))
-    return float(np.sqrt(own / others)) if others > 0.0 else np.inf
+    for error_map in view.maps:
+        tables = (error_map.tables[code] for code in codes if code in error_map.tables)
+        squares[id(error_map) in of_label] += [float(np.mean(table.errors**2)) for table in tables]
+    size, others = (float(np.mean(squares[which] or [0.0])) for which in (True, False))
+    return float(np.sqrt(size / others)) if others > 0.0 else np.inf
 
 
 def _square_over_error(error_map: ErrorMap, table: ComponentTable) -> float:
@@ -214,17 +214,17 @@ def _reported(estimate: Estimate) -> Reported:
 
 def _possible(effect: Effect) -> list[float]:
     """List the factors that the estimate allows, the nearest first."""
-    found = effect.parameters[MULTIPLY]
+    fitted = effect.parameters[MULTIPLY]
     error = effect.standard_errors.get(MULTIPLY, 0.0)
-    near = sorted(TO_MULTIPLY_BY, key=lambda factor: _away(found, error, factor))
-    others = (factor for factor in near[1:] if _away(found, error, factor) < TWO_ERRORS)
+    near = sorted(TO_MULTIPLY_BY, key=lambda factor: _away(fitted, error, factor))
+    others = (factor for factor in near[1:] if _away(fitted, error, factor) < TWO_ERRORS)
     return [near[0], *others]
 
 
-def _away(found: float, error: float, factor: float) -> float:
+def _away(fitted: float, error: float, factor: float) -> float:
     """Say how many standard errors an estimate is from a factor, the tables' own included."""
     spread = MISTAKES.spread * (factor - 1.0)
-    return float(abs(found - factor) / np.hypot(error, spread))
+    return float(abs(fitted - factor) / np.hypot(error, spread))
 
 
 def _is_nothing_left(effect: Effect) -> bool:

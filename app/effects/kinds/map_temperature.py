@@ -45,7 +45,7 @@ class MapTemperature(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every map of every sensor that components follow."""
-        return Proposals([_hypothesis(*one) for one in _noted(view)])
+        return Proposals([_hypothesis(*noted) for noted in _noted(view)])
 
     def explain(self, effect: Effect) -> str:
         """Say what was noted, and what the data say."""
@@ -75,16 +75,20 @@ def _noted(view: CampaignView) -> Iterator[tuple[str, str, tuple[str, ...], dict
             continue
         scales: dict[tuple[tuple[str, float], ...], list[str]] = {}
         for code in codes:
-            found = view.model.find(code)
-            if found is not None:
-                group, scale = found[0], found[0].scales[0]
-                stated = zip(scale.rows, scale.temperatures_c, strict=True)
-                scales.setdefault(tuple((group.labels[r], t) for r, t in stated), []).append(code)
+            located = view.model.find(code)
+            if located is not None:
+                group, scale = located[0], located[0].scales[0]
+                temperatures = zip(scale.rows, scale.temperatures_c, strict=True)
+                scales.setdefault(tuple((group.labels[r], t) for r, t in temperatures), []).append(
+                    code
+                )
         for label in dict.fromkeys(label for scale in scales for label, _ in scale):
-            having = {scale: own for scale, own in scales.items() if label in dict(scale)}
-            own = tuple(code for codes_ in having.values() for code in codes_)
+            having = {
+                scale: followers for scale, followers in scales.items() if label in dict(scale)
+            }
+            affected = tuple(code for codes_ in having.values() for code in codes_)
             stated_c = {name: t for scale in having for name, t in scale}
-            yield sensor, label, own, stated_c
+            yield sensor, label, affected, stated_c
 
 
 def _hypothesis(

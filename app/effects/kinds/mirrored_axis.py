@@ -54,7 +54,7 @@ class MirroredAxis(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every axis whose positions vary."""
-        return Proposals([_hypothesis(*one) for one in _mirrors(view)])
+        return Proposals([_hypothesis(*mirror) for mirror in _mirrors(view)])
 
     def explain(self, effect: Effect) -> str:
         """Say what was mirrored."""

@@ -31,8 +31,8 @@ class NonrigidSlope(LackedByMaps):
 
     def may_grow_with(self, view: CampaignView, code: str) -> Iterable[str]:
         """The sensor of the component of which it is the slope."""
-        own = view.sensor_of(code.partition("^")[0])
-        return [own] if own in view.varying_sensors else []
+        assigned = view.sensor_of(code.partition("^")[0])
+        return [assigned] if assigned in view.varying_sensors else []
 
     def explain(self, effect: Effect) -> str:
         """Say what grows with which axis, and how much."""

@@ -60,33 +60,33 @@ class OtherSensor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component on every other sensor, and all of a sensor together."""
-        found = Proposals()
-        for own, codes in view.components_by_sensor.items():
+        proposals = Proposals()
+        for assigned, codes in view.components_by_sensor.items():
             for other in view.conditions.temperatures_c:
-                if other == own:
+                if other == assigned:
                     continue
                 reason = _why_not(view, codes, other)
                 if reason:
-                    found.not_testable.append(self.refuse(f"{own} by {other}", reason))
+                    proposals.not_testable.append(self.refuse(f"{assigned} by {other}", reason))
                     continue
                 exchange = Exchange.of(other, view.map_temperatures(other))
-                found.hypotheses.extend(
-                    _hypothesis(own, exchange, group) for group in together_and_each(codes)
+                proposals.hypotheses.extend(
+                    _hypothesis(assigned, exchange, group) for group in together_and_each(codes)
                 )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say what follows which sensor, and by which share."""
-        own, other = effect.sensors
+        assigned, other = effect.sensors
         share = parameter(effect, "share")
         if effect.parameters["share"] <= 0.0:
             move = verb(effect.components, "moves", "move")
             return (
                 f"{components(effect)} {move} the opposite way to what {other} says where it "
-                f"differs from {own} (share {share})"
+                f"differs from {assigned} (share {share})"
             )
         follow = verb(effect.components, "follows", "follow")
-        return f"{components(effect)} {follow} {other} rather than {own} (share {share})"
+        return f"{components(effect)} {follow} {other} rather than {assigned} (share {share})"
 
     def doubt(self, effect: Effect) -> str:
         """What follows another sensor does so as a whole.
@@ -103,11 +103,11 @@ class OtherSensor(EffectKind):
         )
 
 
-def _hypothesis(own: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothesis:
+def _hypothesis(assigned: str, exchange: Exchange, codes: tuple[str, ...]) -> Hypothesis:
     return Hypothesis(
         kind=OtherSensor.kind,
         components=codes,
-        sensors=(own, exchange.sensor),
+        sensors=(assigned, exchange.sensor),
         unit_terms=lambda _: [[Term(code, Always(), exchange) for code in codes]],
     )
 
@@ -116,13 +116,13 @@ def _why_not(view: CampaignView, codes: tuple[str, ...], other: str) -> str:
     """Say why maps cannot be read on a sensor's scale, empty where they can."""
     if other not in view.varying_sensors:
         return constant_sensor_reason(other)
-    stated = view.map_temperatures(other)
+    in_maps_c = view.map_temperatures(other)
     labels = {label for code in codes if (f := view.model.find(code)) for label in f[0].labels}
-    lacking = sorted(labels - set(stated))
+    lacking = sorted(labels - set(in_maps_c))
     if lacking:
         return f"map {lacking[0]!r} does not state the temperature of {other}"
-    gap_c = float(np.diff(np.sort([stated[label] for label in labels])).min())
+    gap_c = float(np.diff(np.sort([in_maps_c[label] for label in labels])).min())
     if not view.machine.sensor(other).resolves(gap_c):
         return f"two maps are only {gap_c:.2g} °C apart at {other}, too close for it to resolve"
-    exchange = Exchange.of(other, stated)
+    exchange = Exchange.of(other, in_maps_c)
     return next(filter(None, (exchange.why_missing(view.model, code) for code in codes)), "")

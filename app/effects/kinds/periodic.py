@@ -63,17 +63,17 @@ class Periodic(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every translation over its own axis, if the positions can show a pitch."""
-        found = Proposals()
+        proposals = Proposals()
         for code in view.tables:
             if COMPONENTS[code].is_rotation:
                 continue
             positions = view.projection.view(code).places.positions_mm
             reason = why_no_pitch(positions)
             if reason:
-                found.not_testable.append(self.refuse(code, reason))
+                proposals.not_testable.append(self.refuse(code, reason))
             else:
-                found.hypotheses.append(_hypothesis(code, pitches(positions)))
-        return found
+                proposals.hypotheses.append(_hypothesis(code, pitches(positions)))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say what swings with which pitch, and how far."""

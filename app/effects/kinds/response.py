@@ -47,14 +47,15 @@ class Response(EffectKind):
         code = effect.components[0]
         unit = COMPONENTS[code].unit
         symbol = unit.symbol
-        told = effect.parameters
+        figures = effect.parameters
         drivers = [*effect.sensors, *effect.states]
         named = list_names(drivers, MOST_NAMES)
         return (
             f"{code} responds to "
             f"{counted(len(drivers), 'sensor and state', 'sensors and states')} together "
-            f"({named}), to each with several lags: over {told[SET_UPS]:.0f} set-ups, each held "
-            f"out in turn, its residual goes from {told[f'{BEFORE}_{unit}']:.3g} to "
-            f"{told[f'{AFTER}_{unit}']:.3g} {symbol}; in the set-up that gains least, from "
-            f"{told[f'{WORST_BEFORE}_{unit}']:.3g} to {told[f'{WORST_AFTER}_{unit}']:.3g} {symbol}"
+            f"({named}), to each with several lags: over {figures[SET_UPS]:.0f} set-ups, each held "
+            f"out in turn, its residual goes from {figures[f'{BEFORE}_{unit}']:.3g} to "
+            f"{figures[f'{AFTER}_{unit}']:.3g} {symbol}; in the set-up that gains least, from "
+            f"{figures[f'{WORST_BEFORE}_{unit}']:.3g} to "
+            f"{figures[f'{WORST_AFTER}_{unit}']:.3g} {symbol}"
         )

@@ -42,16 +42,16 @@ class SensorFault(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor that components follow."""
-        found = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
+        proposals = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
         for sensor, codes in view.components_by_sensor.items():
             if not view.has_comparable_slope(codes):
-                found.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                proposals.not_testable.append(self.refuse(sensor, OWN_ZEROS))
                 continue
             nonlinear = times_after_first(view, codes)
             if nonlinear is None:
-                found.not_testable.append(self.refuse(sensor, NONE_BEFORE))
+                proposals.not_testable.append(self.refuse(sensor, NONE_BEFORE))
                 continue
-            found.hypotheses.append(
+            proposals.hypotheses.append(
                 Hypothesis(
                     kind=self.kind,
                     variant=BIAS,
@@ -66,7 +66,7 @@ class SensorFault(EffectKind):
                     ),
                 )
             )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say which sensor reads wrong since when, and by how much."""

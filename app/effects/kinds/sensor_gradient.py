@@ -72,10 +72,10 @@ class SensorGradient(EffectKind):
         Late it is as it was in the maps, where they state both sensors: with both forms there
         would be more late differences than everything else together.
         """
-        found = Proposals(not_testable=constant_sensors(self, view))
+        proposals = Proposals(not_testable=constant_sensors(self, view))
         if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
-            found.not_testable.extend(self._refused_pairs(view))
-        grids = self._time_constants_s(view, found)
+            proposals.not_testable.extend(self._refused_pairs(view))
+        grids = self._time_constants_s(view, proposals)
         for code in view.components:
             for pair in _pairs(view, code):
                 drivers = {
@@ -84,10 +84,10 @@ class SensorGradient(EffectKind):
                 }
                 late = SINCE if drivers[BEYOND] is None else BEYOND
                 both_s = tuple(tau_s for tau_s in grids[pair[0]] if tau_s in grids[pair[1]])
-                found.hypotheses.extend(
+                proposals.hypotheses.extend(
                     at_once_and_late(self.kind, view, code, drivers, both_s, [late])
                 )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say with which difference what moves, how late, and how much."""
@@ -99,13 +99,13 @@ class SensorGradient(EffectKind):
         )
 
     def _time_constants_s(
-        self, view: CampaignView, found: Proposals
+        self, view: CampaignView, proposals: Proposals
     ) -> dict[str, tuple[float, ...]]:
         """List for each sensor the time constants to try [s], and say why there are none."""
         if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
             return dict.fromkeys(view.varying_sensors, ())
         return {
-            sensor: time_constants_s(self, view, Signal("temperature", sensor), found, LATE)
+            sensor: time_constants_s(self, view, Signal("temperature", sensor), proposals, LATE)
             for sensor in view.varying_sensors
         }
 
@@ -125,13 +125,17 @@ def _pairs(view: CampaignView, code: str) -> list[tuple[str, str]]:
     sensors = view.varying_sensors
     if len(sensors) <= ALL_PAIRS_UP_TO:
         return list(combinations(sensors, 2))
-    own = view.sensor_of(code)
-    return [(other, own) for other in sensors if other != own] if own in sensors else []
+    assigned = view.sensor_of(code)
+    return (
+        [(other, assigned) for other in sensors if other != assigned] if assigned in sensors else []
+    )
 
 
 def _mean_k(view: CampaignView, pair: tuple[str, str]) -> float:
     """The difference in the maps on average, or else in the campaign."""
-    stated = [view.map_temperatures(sensor) for sensor in pair]
-    both = [stated[0][label] - stated[1][label] for label in stated[0] if label in stated[1]]
+    in_maps_c = [view.map_temperatures(sensor) for sensor in pair]
+    both = [
+        in_maps_c[0][label] - in_maps_c[1][label] for label in in_maps_c[0] if label in in_maps_c[1]
+    ]
     temperature = view.conditions.temperature
     return float(np.mean(both or np.nanmean(temperature(pair[0]) - temperature(pair[1]))))

@@ -56,32 +56,32 @@ class StateVariable(EffectKind):
 
         At once only where it varied while that component was observed.
         """
-        found = Proposals()
+        proposals = Proposals()
         for state, values in sorted(view.conditions.states.items()):
             if state not in view.varying_states:
-                found.not_testable.append(
+                proposals.not_testable.append(
                     self.refuse(state, f"{state} did not change, or was not always recorded")
                 )
                 continue
             # With two values, the square is the same as the state itself.
             two_values = np.unique(values[~np.isnan(values)]).size < 3
             grids = {
-                LATE: time_constants_s(self, view, Signal("state", state), found, LATE),
+                LATE: time_constants_s(self, view, Signal("state", state), proposals, LATE),
                 SQUARED_LATE: view.time_constants_s(Signal("state", state, 2)),
             }
             changing = [c for c in view.components if view.changes_where(c, values)]
             if steady := [code for code in view.components if code not in changing]:
                 where = f"{state}, at once, on {list_names(steady, MOST_NAMED)}"
                 why = f"{state} did not change while this was observed, or hardly"
-                found.not_testable.append(self.refuse(where, why))
+                proposals.not_testable.append(self.refuse(where, why))
             for variant, power in POWERS.items():
                 if not (power == 2 and two_values) and grids.get(variant, (0.0,)):
                     grid = grids.get(variant, ())
-                    found.hypotheses.extend(
+                    proposals.hypotheses.extend(
                         _hypothesis(view, code, state, variant, grid)
                         for code in (view.components if grid else changing)
                     )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say with which state what moves, how much, and how late."""

@@ -73,9 +73,9 @@ class Step(EffectKind):
                 return []
             return [_hypothesis(code, shapes, nonlinear)]
 
-        found = by_comparable_shapes(self, view, propose_of)
-        found.not_testable.extend(self.refuse(code, NONE_BEFORE) for code in unseen)
-        return found
+        proposals = by_comparable_shapes(self, view, propose_of)
+        proposals.not_testable.extend(self.refuse(code, NONE_BEFORE) for code in unseen)
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say what changed when, and by how much."""

@@ -37,17 +37,17 @@ class TemperatureCurvature(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """Every component with its own sensor: between neighbouring maps, and over all of them."""
-        found = Proposals()
+        proposals = Proposals()
         for code in view.components:
             sensor = view.sensor_of(code)
             if sensor not in view.varying_sensors:
-                found.not_testable.append(self.refuse(code, f"{sensor} did not change"))
+                proposals.not_testable.append(self.refuse(code, f"{sensor} did not change"))
                 continue
             scale = _scale(view, code)
-            found.hypotheses.append(_hypothesis(view, code, OVERALL, (scale[0], scale[-1])))
+            proposals.hypotheses.append(_hypothesis(view, code, OVERALL, (scale[0], scale[-1])))
             if len(scale) > 2:
-                found.hypotheses.append(_hypothesis(view, code, BETWEEN, scale))
-        return found
+                proposals.hypotheses.append(_hypothesis(view, code, BETWEEN, scale))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how strongly what is curved in which temperature."""

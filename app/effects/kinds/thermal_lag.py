@@ -56,15 +56,15 @@ class ThermalLag(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposals:
         """One fingerprint for each sensor, and each of its components by itself."""
-        found = Proposals()
+        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if sensor not in view.varying_sensors:
-                found.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
-            elif grid := time_constants_s(self, view, Signal("temperature", sensor), found):
-                found.hypotheses.extend(
+                proposals.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
+            elif grid := time_constants_s(self, view, Signal("temperature", sensor), proposals):
+                proposals.hypotheses.extend(
                     _hypothesis(sensor, group, grid) for group in together_and_each(codes)
                 )
-        return found
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how late what follows what, and by which share where that is not the whole."""

@@ -81,10 +81,10 @@ def _tools(view: CampaignView) -> Iterator[tuple[str, BoolArray]]:
     lengths_mm = np.where(
         view.rows.at_points, np.linalg.norm(view.rows.tool_offsets_mm, axis=1), 0.0
     ).round(3)
-    known, counts = np.unique(lengths_mm[view.rows.at_points], return_counts=True)
+    distinct_mm, counts = np.unique(lengths_mm[view.rows.at_points], return_counts=True)
     yield "", view.rows.at_points
-    each = known[np.argsort(-counts, kind="stable")][:MOST_TOOLS]
-    for length_mm in each if known.size > 1 else ():
+    each = distinct_mm[np.argsort(-counts, kind="stable")][:MOST_TOOLS]
+    for length_mm in each if distinct_mm.size > 1 else ():
         yield f"{length_mm:g} mm", lengths_mm == length_mm
 
 
@@ -102,8 +102,10 @@ def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesi
 def _supposed(longer: BoolArray, projection: Projection, theta: float | None) -> FloatArray:
     """Make each of some tools 1 mm longer along itself; one that was not stated, along Z."""
     tools_mm = projection.rows.tool_offsets_mm.copy()
-    own = tools_mm[longer]
-    size = np.linalg.norm(own, axis=1, keepdims=True)
-    tools_mm[longer] = own + np.where(size > 0.0, own / np.maximum(size, 1e-9), ALONG_Z)
+    offsets_mm = tools_mm[longer]
+    size = np.linalg.norm(offsets_mm, axis=1, keepdims=True)
+    tools_mm[longer] = offsets_mm + np.where(
+        size > 0.0, offsets_mm / np.maximum(size, 1e-9), ALONG_Z
+    )
     really = replace(projection.rows, tool_offsets_mm=tools_mm)
     return left_by_places(projection, really, longer)

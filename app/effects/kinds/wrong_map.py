@@ -51,10 +51,10 @@ class WrongMap(EffectKind):
         """Every map of every component whose sensor changed, in all forms."""
 
         def of_component(code: str, shapes: list[Shape]) -> Iterable[Hypothesis]:
-            found = view.model.find(code)
-            if found is None or view.sensor_of(code) not in view.varying_sensors:
+            located = view.model.find(code)
+            if located is None or view.sensor_of(code) not in view.varying_sensors:
                 return
-            group, scale = found[0], found[0].scales[0]
+            group, scale = located[0], located[0].scales[0]
             for row, map_c in zip(scale.rows, scale.temperatures_c, strict=True):
                 share = ShareOfMap(scale.sensor, scale.temperatures_c, map_c)
                 for form in forms_of(view, code, shapes):
@@ -64,12 +64,12 @@ class WrongMap(EffectKind):
                         sensors=(share.sensor,),
                     )
 
-        found = by_comparable_shapes(self, view, of_component)
+        proposals = by_comparable_shapes(self, view, of_component)
         for code in view.components:
             sensor = view.sensor_of(code)
             if view.model.find(code) and sensor not in view.varying_sensors:
-                found.not_testable.append(self.refuse(code, constant_sensor_reason(sensor)))
-        return found
+                proposals.not_testable.append(self.refuse(code, constant_sensor_reason(sensor)))
+        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say which map is wrong, and how far."""

@@ -160,7 +160,7 @@ def analyse(
                 of_maps,
                 [*candidates, *generic],
                 holdout_fraction=holdout_fraction,
-                known=known,
+                adopted=known,
                 unsaid=between,
                 seed=seed,
                 progress=progress,

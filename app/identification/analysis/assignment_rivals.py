@@ -90,21 +90,22 @@ class Rivals:
         scales = set_ups.sizes
         scales[shows] = scale
         for role, share in AS_MUCH.items():
-            asked = [
-                one
-                for one in self._hypotheses
-                if code in one.components and kind_of(one.kind).as_other_sensor is role
+            hypotheses = [
+                hypothesis
+                for hypothesis in self._hypotheses
+                if code in hypothesis.components
+                and kind_of(hypothesis.kind).as_other_sensor is role
             ]
-            fitted = list(self._fitted(set_ups, asked, scales))
+            fitted = list(self._fitted(set_ups, hypotheses, scales))
             if fitted and gain <= share * _explained(fitted):
-                return _words(max(fitted, key=lambda one: float(one.on_others.sum())).hypothesis)
+                return _words(max(fitted, key=lambda item: float(item.on_others.sum())).hypothesis)
         return ""
 
     def _fitted(
-        self, set_ups: SetUps, asked: Sequence[Hypothesis], scales: FloatArray
+        self, set_ups: SetUps, hypotheses: Sequence[Hypothesis], scales: FloatArray
     ) -> Iterator[_Fitted]:
-        values = set_ups.left / scales
-        for hypothesis in asked:
+        values = set_ups.remaining / scales
+        for hypothesis in hypotheses:
             nonlinear = hypothesis.nonlinear
             for theta in nonlinear.grid if nonlinear else (None,):
                 columns = self._columns(set_ups, hypothesis, theta) / scales[:, None]
@@ -124,10 +125,10 @@ class Rivals:
         else:
             columns = hypothesis.supposed(projection, theta)[:, None]
         columns = np.nan_to_num(columns, nan=0.0)
-        found = np.column_stack([set_ups.from_zero(column) for column in columns.T])
+        from_zeros = np.column_stack([set_ups.from_zero(column) for column in columns.T])
         if len(hypothesis.components) > 1:
-            self._shared[key] = found
-        return found
+            self._shared[key] = from_zeros
+        return from_zeros
 
 
 def _gains(
@@ -149,12 +150,12 @@ def _gains(
 
 def _explained(fitted: list[_Fitted]) -> float:
     """Give what the effect explains of each set-up that the others choose."""
-    chosen = np.argmax([one.on_others for one in fitted], axis=0)
-    held_out = np.array([one.held_out for one in fitted])
+    chosen = np.argmax([trial_fit.on_others for trial_fit in fitted], axis=0)
+    held_out = np.array([trial_fit.held_out for trial_fit in fitted])
     return float(held_out[chosen, np.arange(chosen.size)].sum())
 
 
-def _words(one: Hypothesis) -> str:
-    drivers = [*one.sensors, *one.states]
+def _words(hypothesis: Hypothesis) -> str:
+    drivers = [*hypothesis.sensors, *hypothesis.states]
     by = f" driven by {list_names(drivers, 3)}" if drivers else ""
-    return f"{one.kind} of {list_names(one.components, 4)}{by}"
+    return f"{hypothesis.kind} of {list_names(hypothesis.components, 4)}{by}"

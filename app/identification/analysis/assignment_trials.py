@@ -63,7 +63,7 @@ class OtherSensors:
     """
 
     code: str
-    own: str
+    present: str
     view: View
     sensors: tuple[str, ...]
     changes: FloatArray
@@ -82,11 +82,11 @@ class Trial:
         return rows_moved(self.other, self.set_ups)
 
     @cached_property
-    def left(self) -> FloatArray:
+    def remaining(self) -> FloatArray:
         """What its own sensor, then each other one leaves, from each zero, shape (1 + S, m)."""
-        own = self.set_ups.left[self.shows]
-        others = [self._without(k).left[self.shows] for k in range(len(self.other.sensors))]
-        return np.array([own, *others])
+        present = self.set_ups.remaining[self.shows]
+        others = [self._without(k).remaining[self.shows] for k in range(len(self.other.sensors))]
+        return np.array([present, *others])
 
     def _without(self, which: int) -> SetUps:
         return self.set_ups.without(self.other.view.rows, self.other.changes[which])
@@ -95,11 +95,11 @@ class Trial:
     def scale(self) -> FloatArray:
         """What the best sensor leaves of each row's channel, shape (m,) [its unit]."""
         channel = self.set_ups.channel[self.shows]
-        found = np.ones(len(channel))
+        scale = np.ones(len(channel))
         for number in np.unique(channel):
             here = channel == number
-            found[here] = np.sqrt(np.mean(self.left[:, here] ** 2, axis=1)).min() or 1.0
-        return found
+            scale[here] = np.sqrt(np.mean(self.remaining[:, here] ** 2, axis=1)).min() or 1.0
+        return scale
 
     @cached_property
     def _place(self) -> IntArray:
@@ -108,9 +108,9 @@ class Trial:
     @cached_property
     def losses(self) -> FloatArray:
         """Sum of the squares that are left of each set-up, over the scale's, shape (1 + S, V)."""
-        scaled = (self.left / self.scale) ** 2
+        scaled = (self.remaining / self.scale) ** 2
         return np.array(
-            [np.bincount(self._place, weights=one, minlength=self.set_ups.count) for one in scaled]
+            [np.bincount(self._place, weights=row, minlength=self.set_ups.count) for row in scaled]
         )
 
     @cached_property
@@ -119,15 +119,15 @@ class Trial:
 
         The root, as single set-ups would else be nearly all of a sum.
         """
-        found: FloatArray = np.sqrt(self.losses[0]) - np.sqrt(self.losses[1:])
-        return found
+        gains: FloatArray = np.sqrt(self.losses[0]) - np.sqrt(self.losses[1:])
+        return gains
 
     @cached_property
     def chosen(self) -> IntArray:
         """The other sensor that all other set-ups choose, for each set-up, shape (V,)."""
         others = self.losses[1:].sum(axis=1)[:, None] - self.losses[1:]
-        found: IntArray = np.argmin(others, axis=0)
-        return found
+        best: IntArray = np.argmin(others, axis=0)
+        return best
 
     @cached_property
     def best(self) -> int:
@@ -142,7 +142,7 @@ class Trial:
     @property
     def as_good(self) -> tuple[str, ...]:
         """The sensors that leave nearly as little as the best, in the rows that figures are of."""
-        sizes = [rms(left[self.shown]) for left in self.left[1:]]
+        sizes = [rms(residuals[self.compared]) for residuals in self.remaining[1:]]
         return tuple(
             name
             for name, size in zip(self.other.sensors, sizes, strict=True)
@@ -152,14 +152,16 @@ class Trial:
     @cached_property
     def after(self) -> FloatArray:
         """What the sensor leaves that the other set-ups choose, shape (m,)."""
-        found: FloatArray = self.left[1 + self.chosen[self._place], np.arange(len(self.shows))]
-        return found
+        residuals_after: FloatArray = self.remaining[
+            1 + self.chosen[self._place], np.arange(len(self.shows))
+        ]
+        return residuals_after
 
     @cached_property
     def losses_after(self) -> FloatArray:
         """Of each set-up the loss by the sensor that the others choose, shape (V,)."""
-        found: FloatArray = self.losses[1 + self.chosen, np.arange(self.set_ups.count)]
-        return found
+        losses: FloatArray = self.losses[1 + self.chosen, np.arange(self.set_ups.count)]
+        return losses
 
     @property
     def gain(self) -> float:
@@ -197,7 +199,7 @@ class Trial:
         return self._without(self.best)
 
     @cached_property
-    def shown(self) -> BoolArray:
+    def compared(self) -> BoolArray:
         """The rows that figures are of: of the component itself, or else at points, shape (m,)."""
         return rows_of_figures(self.other, self.set_ups)
 
@@ -211,20 +213,22 @@ def read_by_others(campaign: Campaign, residuals: Residuals) -> Iterator[OtherSe
         view = residuals.projection.view(code)
         if not view.rows.size:
             continue
-        own = _predicted(model, code, view)
-        found: dict[str, FloatArray] = {}
+        present = _predicted(model, code, view)
+        changes_by_sensor: dict[str, FloatArray] = {}
         for name, model_of in by_sensor.items():
             other = model_of(code) if name != assigned[code] else None
             if other is None:
                 continue
-            change = view.gains * (_predicted(other, code, view) - own)
+            change = view.gains * (_predicted(other, code, view) - present)
             # Where a reading is missing a stand-in serves, or nothing is moved; where many are,
             # nothing is known of the sensor itself.
-            known = np.isfinite(view.conditions.temperature(name)) & np.isfinite(change)
-            if known.mean() >= KNOWN_SHARE:
-                found[name] = np.nan_to_num(change, nan=0.0)
-        changes = np.array(list(found.values())).reshape(len(found), view.rows.size)
-        yield OtherSensors(code, assigned[code], view, tuple(found), changes)
+            usable = np.isfinite(view.conditions.temperature(name)) & np.isfinite(change)
+            if usable.mean() >= KNOWN_SHARE:
+                changes_by_sensor[name] = np.nan_to_num(change, nan=0.0)
+        changes = np.array(list(changes_by_sensor.values())).reshape(
+            len(changes_by_sensor), view.rows.size
+        )
+        yield OtherSensors(code, assigned[code], view, tuple(changes_by_sensor), changes)
 
 
 def _by(
@@ -266,40 +270,40 @@ def largest_by_chance(trials: Sequence[Trial]) -> FloatArray:
     sizes = np.sqrt(np.sum(gains**2, axis=1, keepdims=True))
     gains = gains / np.where(sizes > 0.0, sizes, 1.0)
     signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (DRAWN, gains.shape[1]))
-    found: FloatArray = (signs @ gains.T).max(axis=1)
-    return found
+    largest: FloatArray = (signs @ gains.T).max(axis=1)
+    return largest
 
 
-def is_direct(one: OtherSensors, set_ups: SetUps) -> bool:
+def is_direct(other: OtherSensors, set_ups: SetUps) -> bool:
     """Say whether values of the component by itself are judged; else those at points.
 
     One value in a set-up is that set-up's zero: nothing is left of it whatever the sensor.
     """
-    direct = _of_itself(one, set_ups)
-    tells = np.any(np.abs(set_ups.left[direct]) > ROUNDING)
-    return bool(tells or direct[one.view.rows].all())
+    direct = _of_itself(other, set_ups)
+    tells = np.any(np.abs(set_ups.remaining[direct]) > ROUNDING)
+    return bool(tells or direct[other.view.rows].all())
 
 
-def rows_moved(one: OtherSensors, set_ups: SetUps) -> IntArray:
+def rows_moved(other: OtherSensors, set_ups: SetUps) -> IntArray:
     """List all rows of the channels in which a component shows: a zero may move them all."""
-    return np.flatnonzero(np.isin(set_ups.channel, one.view.channels))
+    return np.flatnonzero(np.isin(set_ups.channel, other.view.channels))
 
 
-def rows_of_figures(one: OtherSensors, set_ups: SetUps) -> BoolArray:
+def rows_of_figures(other: OtherSensors, set_ups: SetUps) -> BoolArray:
     """Say which of these rows figures are of: the component's own, or else those at points."""
-    shows = rows_moved(one, set_ups)
-    direct = _of_itself(one, set_ups)[shows]
-    return direct if is_direct(one, set_ups) else ~direct
+    shows = rows_moved(other, set_ups)
+    direct = _of_itself(other, set_ups)[shows]
+    return direct if is_direct(other, set_ups) else ~direct
 
 
-def _of_itself(one: OtherSensors, set_ups: SetUps) -> BoolArray:
+def _of_itself(other: OtherSensors, set_ups: SetUps) -> BoolArray:
     channels = set_ups.residuals.rows.channels
-    number = channels.index(one.code) if one.code in channels else -1
-    found: BoolArray = set_ups.channel == number
-    return found
+    number = channels.index(other.code) if other.code in channels else -1
+    direct: BoolArray = set_ups.channel == number
+    return direct
 
 
-def unit_of_figures(one: OtherSensors, set_ups: SetUps) -> str:
+def unit_of_figures(other: OtherSensors, set_ups: SetUps) -> str:
     """Give the unit of figures: the component's, or µm at points."""
-    unit = COMPONENTS[one.code].unit if is_direct(one, set_ups) else Unit.UM
+    unit = COMPONENTS[other.code].unit if is_direct(other, set_ups) else Unit.UM
     return unit.symbol

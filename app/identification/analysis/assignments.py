@@ -65,23 +65,23 @@ def judge_assignments(campaign: Campaign, residuals: Residuals) -> tuple[TriedAs
     """
     set_ups = SetUps(residuals, residuals.values)
     refused, open_ = [], []
-    for one in read_by_others(campaign, residuals):
-        why = _why_not_judged(campaign, set_ups, one)
+    for by_other in read_by_others(campaign, residuals):
+        why = _why_not_judged(campaign, set_ups, by_other)
         if why:
-            refused.append(_not_judged(one, set_ups, why))
+            refused.append(_not_judged(by_other, set_ups, why))
         else:
-            open_.append(one)
+            open_.append(by_other)
     rivals = Rivals(campaign, residuals)
     proposed: list[TriedAssignment] = []
     while True:
-        trials = sorted((Trial(set_ups, one) for one in open_), key=lambda trial: -trial.gain)
+        trials = sorted((Trial(set_ups, other) for other in open_), key=lambda trial: -trial.gain)
         accepted, answers = _first_proposal(trials, rivals)
         if accepted is None:
             break
         proposed += answers
         set_ups = accepted.taken_off
-        open_ = [one for one in open_ if one is not accepted.other]
-    others = sorted([*answers, *refused], key=lambda one: ORDER[one.component])
+        open_ = [other for other in open_ if other is not accepted.other]
+    others = sorted([*answers, *refused], key=lambda assignment: ORDER[assignment.component])
     return (*proposed, *others)
 
 
@@ -91,35 +91,36 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     What was adopted with the present sensor ends where the assignment changes
     (`app.effects.adopted.carry_over`), so that it may serve until then.
     """
-    proposals = [one for one in tried if one.proposed_sensor]
+    proposals = [assignment for assignment in tried if assignment.proposed_sensor]
     answer = replace(answer, assignments=tuple(tried))
     if not proposals:
         return answer
-    pairs = [f"{one.component}={one.proposed_sensor}" for one in proposals]
+    pairs = [f"{proposal.component}={proposal.proposed_sensor}" for proposal in proposals]
     words = " ".join(f'"{pair}"' if " " in pair else pair for pair in pairs)  # for a shell
     what = (
         f"Change the sensor assignment first: `thermap sensors assign {words} --machine "
         f"{machine_id}` makes the next model version. Then analyse again, because effects of "
-        f"{list_names([one.component for one in proposals], 4)} were looked for with the present "
+        f"{list_names([proposal.component for proposal in proposals], 4)} were looked for with the "
+        "present "
         "assignment, and adopted ones that follow a sensor end with it."
     )
     return replace(
         answer,
-        summary=" ".join([*(f"{one.sentence}." for one in proposals), answer.summary]),
+        summary=" ".join([*(f"{proposal.sentence}." for proposal in proposals), answer.summary]),
         what_next=(what, *answer.what_next),
     )
 
 
-def _why_not_judged(campaign: Campaign, set_ups: SetUps, one: OtherSensors) -> str:
+def _why_not_judged(campaign: Campaign, set_ups: SetUps, other: OtherSensors) -> str:
     """Say why nothing can be said of a component, empty where something can."""
-    count = np.unique(set_ups.place[one.view.rows]).size
-    if any(one.code in effect.components for effect in campaign.effects):
-        return f"the model has effects on it that were learnt with {one.own}"
+    count = np.unique(set_ups.place[other.view.rows]).size
+    if any(other.code in effect.components for effect in campaign.effects):
+        return f"the model has effects on it that were learnt with {other.present}"
     if count < FEWEST_BLOCKS:
         return f"needs at least {FEWEST_BLOCKS} set-ups in which it shows, got {count}"
-    if not np.any(np.abs(set_ups.left[one.view.rows]) > ROUNDING):
+    if not np.any(np.abs(set_ups.remaining[other.view.rows]) > ROUNDING):
         return "each set-up has one value of it and a zero of its own: no two can be compared"
-    if not one.sensors:
+    if not other.sensors:
         return "no other sensor has readings there and can tell its maps apart"
     return ""
 
@@ -146,16 +147,16 @@ def _first_proposal(
 
 
 def _answer(trial: Trial, chance: float, rivals: Rivals) -> TriedAssignment:
-    other, shown = trial.other, trial.shown
-    before, after = trial.left[0][shown], trial.after[shown]
-    place = trial.set_ups.place[trial.shows][shown]
+    other, compared = trial.other, trial.compared
+    before, after = trial.remaining[0][compared], trial.after[compared]
+    place = trial.set_ups.place[trial.shows][compared]
     sizes = [
         (rms(after[place == at]) - rms(before[place == at]), int(at)) for at in np.unique(place)
     ]
     worst = max(sizes)[1]
-    found = TriedAssignment(
+    answer = TriedAssignment(
         component=other.code,
-        present_sensor=other.own,
+        present_sensor=other.present,
         other_sensor=trial.sensor,
         as_good=trial.as_good,
         unit=unit_of_figures(other, trial.set_ups),
@@ -170,64 +171,68 @@ def _answer(trial: Trial, chance: float, rivals: Rivals) -> TriedAssignment:
         why_not=None,
         sentence="",
     )
-    why = _why_not(trial, found, chance, rivals)
+    why = _why_not(trial, answer, chance, rivals)
     if why:
-        words = f"{other.code} stays on {other.own}: {why}"
-        return replace(found, why_not=why, sentence=words)
-    also = f"; {list_names(found.as_good, 4)} would do as well" if found.as_good else ""
-    words = f"{_over(found)}; no set-up would get markedly worse{also}"
-    return replace(found, sentence=words)
+        words = f"{other.code} stays on {other.present}: {why}"
+        return replace(answer, why_not=why, sentence=words)
+    also = f"; {list_names(answer.as_good, 4)} would do as well" if answer.as_good else ""
+    words = f"{_over(answer)}; no set-up would get markedly worse{also}"
+    return replace(answer, sentence=words)
 
 
-def _why_not(trial: Trial, found: TriedAssignment, chance: float, rivals: Rivals) -> str:
+def _why_not(trial: Trial, assignment: TriedAssignment, chance: float, rivals: Rivals) -> str:
     """Say why the other sensor is not proposed, empty where it is."""
-    before, after = found.before_rms, found.after_rms
+    before, after = assignment.before_rms, assignment.after_rms
     if after is None or after > (1.0 - LEAST_GAIN) * before:
-        return f"{_over(found)}, not markedly less"
+        return f"{_over(assignment)}, not markedly less"
     if chance > SURE:
         return (
-            f"{_over(found)}, but some sensor would gain as evenly by chance with probability "
+            f"{_over(assignment)}, but some sensor would gain as evenly by chance with probability "
             f"{chance:.2g}"
         )
     if trial.harmed is not None:
-        return f"{_over(found)}, but set-up {trial.set_ups.label(trial.harmed)!r} would get worse"
+        return (
+            f"{_over(assignment)}, but set-up {trial.set_ups.label(trial.harmed)!r} would get worse"
+        )
     rival = rivals.explaining_as_much(
         trial.set_ups, trial.other.code, trial.shows, trial.scale, trial.gain
     )
     if rival:
-        return f"{_over(found)}, but {rival} explains as much"
+        return f"{_over(assignment)}, but {rival} explains as much"
     return ""
 
 
-def _over(found: TriedAssignment) -> str:
+def _over(assignment: TriedAssignment) -> str:
     """Say what the other sensor leaves.
 
     The numbers are of set-ups held out.
     """
-    where = " at points" if found.at_points else ""
+    where = " at points" if assignment.at_points else ""
     return (
-        f"{found.component} with {found.other_sensor} instead of {found.present_sensor} would "
-        f"leave {found.after_rms:.3g} instead of {found.before_rms:.3g} {found.unit}{where} on "
+        f"{assignment.component} with {assignment.other_sensor} instead of "
+        f"{assignment.present_sensor} would "
+        f"leave {assignment.after_rms:.3g} instead of {assignment.before_rms:.3g} "
+        f"{assignment.unit}{where} on "
         "held-out set-ups"
     )
 
 
-def _not_judged(one: OtherSensors, set_ups: SetUps, why: str) -> TriedAssignment:
-    own = set_ups.left[rows_moved(one, set_ups)][rows_of_figures(one, set_ups)]
+def _not_judged(other: OtherSensors, set_ups: SetUps, why: str) -> TriedAssignment:
+    residuals = set_ups.remaining[rows_moved(other, set_ups)][rows_of_figures(other, set_ups)]
     return TriedAssignment(
-        component=one.code,
-        present_sensor=one.own,
+        component=other.code,
+        present_sensor=other.present,
         other_sensor=None,
         as_good=(),
-        unit=unit_of_figures(one, set_ups),
-        at_points=not is_direct(one, set_ups),
-        setups=int(np.unique(set_ups.place[one.view.rows]).size),
-        before_rms=rms(own),
+        unit=unit_of_figures(other, set_ups),
+        at_points=not is_direct(other, set_ups),
+        setups=int(np.unique(set_ups.place[other.view.rows]).size),
+        before_rms=rms(residuals),
         after_rms=None,
         worst_setup=None,
         worst_before_rms=None,
         worst_after_rms=None,
         p_global=None,
         why_not=why,
-        sentence=f"{one.code} was not tried with a sensor other than {one.own}: {why}",
+        sentence=f"{other.code} was not tried with a sensor other than {other.present}: {why}",
     )

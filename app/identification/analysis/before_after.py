@@ -72,8 +72,8 @@ def zero_of(zeros: Sequence[UnknownZero], chosen: BoolArray) -> Zero:
 def lengths(residuals: Residuals) -> BoolArray:
     """Say which rows are in µm; all where none is, shape (n,)."""
     in_um = np.array([channel_unit(name) is Unit.UM for name in residuals.rows.channels])
-    found: BoolArray = in_um[residuals.rows.channel]
-    return found if found.any() else np.ones(len(found), dtype=np.bool_)
+    are_lengths: BoolArray = in_um[residuals.rows.channel]
+    return are_lengths if are_lengths.any() else np.ones(len(are_lengths), dtype=np.bool_)
 
 
 def figures_unit(residuals: Residuals) -> str:
@@ -87,8 +87,8 @@ def figures_unit(residuals: Residuals) -> str:
 def used_rows(findings: Findings, count: int) -> BoolArray:
     """Say which rows took part in the search."""
     use = np.ones(count, dtype=np.bool_)
-    for one in findings.excluded:
-        use[list(one.rows)] = False
+    for group in findings.excluded:
+        use[list(group.rows)] = False
     return use
 
 
@@ -111,16 +111,18 @@ def pooled_figures(
     chosen : ndarray, shape (n,)
         Which rows count.
     """
-    own = without_zeros(zeros, np.where(chosen, values, np.nan))[chosen]
-    held = chosen & np.isfinite(predicted)
-    size, p95 = rms(own), float(np.quantile(np.abs(own), 0.95))
-    if not held.any():
+    before = without_zeros(zeros, np.where(chosen, values, np.nan))[chosen]
+    predicted_rows = chosen & np.isfinite(predicted)
+    size, p95 = rms(before), float(np.quantile(np.abs(before), 0.95))
+    if not predicted_rows.any():
         return Figures(size, p95, None, None, zero_of(zeros, chosen))
-    left = without_zeros(zeros, np.where(held, rows.values - predicted, np.nan))[held]
-    found = figure(left, rows.visit[held], seed)
+    residuals_after = without_zeros(
+        zeros, np.where(predicted_rows, rows.values - predicted, np.nan)
+    )[predicted_rows]
+    holdout = figure(residuals_after, rows.visit[predicted_rows], seed)
     # One visit says nothing of how visits differ.
-    ends = (found.low, found.high) if np.unique(rows.visit[held]).size > 1 else None
-    return Figures(size, p95, found.rms, ends, zero_of(zeros, chosen))
+    ends = (holdout.low, holdout.high) if np.unique(rows.visit[predicted_rows]).size > 1 else None
+    return Figures(size, p95, holdout.rms, ends, zero_of(zeros, chosen))
 
 
 def component_figures(
@@ -140,26 +142,28 @@ def component_figures(
         without_zeros(zeros, np.where(use, rows.values - part, np.nan))
         for part in (np.zeros(len(use)), effects, findings.adopted)
     )
-    found = []
+    figures = []
     for number, noise in findings.noise.items():
-        own = use & (rows.channel == number)
-        held = findings.held_out.get(number)
+        of_channel = use & (rows.channel == number)
+        held_out = findings.held_out.get(number)
         name = residuals.rows.channels[number]
-        setup = None if held is None else held.floor.setups
-        zero = zero_of(zeros, own)
+        setup = None if held_out is None else held_out.floor.setups
+        zero = zero_of(zeros, of_channel)
         floor = _floor(replicate_scatter(rows, number, use), setup, zero)
-        found.append(
+        figures.append(
             ComponentFigures(
                 component=name,
                 unit=channel_unit(name).symbol,
-                count=int(own.sum()),
-                before_rms=rms(before[own]),
-                after_rms=rms(after[own]),
-                before_p95=float(np.quantile(np.abs(before[own]), 0.95)),
-                after_p95=float(np.quantile(np.abs(after[own]), 0.95)),
-                holdout_before_rms=rms(before[own & ~np.isnan(predicted_left)]) if held else None,
-                holdout_after_rms=rms(predicted_left[own & ~np.isnan(predicted_left)])
-                if held
+                count=int(of_channel.sum()),
+                before_rms=rms(before[of_channel]),
+                after_rms=rms(after[of_channel]),
+                before_p95=float(np.quantile(np.abs(before[of_channel]), 0.95)),
+                after_p95=float(np.quantile(np.abs(after[of_channel]), 0.95)),
+                holdout_before_rms=rms(before[of_channel & ~np.isnan(predicted_left)])
+                if held_out
+                else None,
+                holdout_after_rms=rms(predicted_left[of_channel & ~np.isnan(predicted_left)])
+                if held_out
                 else None,
                 noise=noise.fitted,
                 noise_origin=noise.origin,
@@ -169,7 +173,7 @@ def component_figures(
                 zero=zero,
             )
         )
-    return sorted(found, key=lambda c: -c.before_rms / max(c.noise, 1e-12))
+    return sorted(figures, key=lambda c: -c.before_rms / max(c.noise, 1e-12))
 
 
 def _floor(repeats: float | None, setup: float | None, zero: Zero) -> float | None:

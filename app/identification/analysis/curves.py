@@ -35,7 +35,7 @@ FINEST: Final = 64
 DRAWN_DIGITS: Final = 5
 
 
-def plots(found: FinishedSearch, effects: Sequence[Effect]) -> Plots:
+def plots(finished: FinishedSearch, effects: Sequence[Effect]) -> Plots:
     """Gather all arrays that a page needs to show the answer without the data.
 
     Returns
@@ -44,27 +44,28 @@ def plots(found: FinishedSearch, effects: Sequence[Effect]) -> Plots:
         For each effect residuals over its driver; for each channel the means of the residuals by
         visit, those of either direction apart where an effect reverses.
     """
-    total = sum((found.explained(e) for e in effects), np.zeros(len(found.rows.values)))
-    after = np.where(found.use, found.rows.values - total, np.nan)
+    total = sum((finished.explained(e) for e in effects), np.zeros(len(finished.rows.values)))
+    after = np.where(finished.use, finished.rows.values - total, np.nan)
     return Plots(
-        effects=tuple(_over_driver(found, effect, after) for effect in effects),
-        visits=tuple(_over_visits(found, after, _reversing(effects))),
+        effects=tuple(_over_driver(finished, effect, after) for effect in effects),
+        visits=tuple(_over_visits(finished, after, _reversing(effects))),
     )
 
 
-def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> EffectCurve:
+def _over_driver(finished: FinishedSearch, effect: Effect, after: FloatArray) -> EffectCurve:
     """Residuals without this effect and with it, over what drives it."""
-    rows = _rows_of(found, effect)
-    own = np.where(found.use, found.explained(effect), np.nan)
+    rows = _rows_of(finished, effect)
+    contribution = np.where(finished.use, finished.explained(effect), np.nan)
     # What it explains counts from the same zero as the residuals beside which it is drawn.
-    without, left, explained = (
-        without_zeros(found.zeros, values) for values in (after + own, after, own)
+    without, residuals_after, explained = (
+        without_zeros(finished.zeros, values)
+        for values in (after + contribution, after, contribution)
     )
-    over, unit, driver = _driver_of(found, effect, explained)
+    over, unit, driver = _driver_of(finished, effect, explained)
     rows = rows[np.isfinite(driver[rows])]
-    sides = np.array(_directions(found, effect, rows))
-    rows = rows[seen_apart(MOST_DRAWN, driver[rows], without[rows], left[rows], sides)]
-    names = np.array(found.residuals.rows.channels)[found.rows.channel[rows]]
+    sides = np.array(_directions(finished, effect, rows))
+    rows = rows[seen_apart(MOST_DRAWN, driver[rows], without[rows], residuals_after[rows], sides)]
+    names = np.array(finished.residuals.rows.channels)[finished.rows.channel[rows]]
     return EffectCurve(
         over=over,
         over_unit=unit,
@@ -72,19 +73,19 @@ def _over_driver(found: FinishedSearch, effect: Effect, after: FloatArray) -> Ef
         components=tuple(names.tolist()),
         driver=_rounded(driver[rows]),
         before=_rounded(without[rows]),
-        after=_rounded(left[rows]),
+        after=_rounded(residuals_after[rows]),
         explained=_rounded(explained[rows]),
-        direction=_directions(found, effect, rows),
+        direction=_directions(finished, effect, rows),
     )
 
 
-def _rows_of(found: FinishedSearch, effect: Effect) -> IntArray:
+def _rows_of(finished: FinishedSearch, effect: Effect) -> IntArray:
     """The effect's own components, or points where they were not observed."""
-    rows, moved = found.residuals.rows, found.explained(effect) != 0
+    rows, moved = finished.residuals.rows, finished.explained(effect) != 0
     names = np.array(rows.channels)[rows.channel]
-    own = np.isin(names, effect.components)
-    chosen = np.flatnonzero(found.use & (own if own.any() else moved))
-    return of_one_unit(found, effect, chosen)
+    of_effect = np.isin(names, effect.components)
+    chosen = np.flatnonzero(finished.use & (of_effect if of_effect.any() else moved))
+    return of_one_unit(finished, effect, chosen)
 
 
 def seen_apart(most: int, *along: FloatArray) -> IntArray:
@@ -129,30 +130,30 @@ def seen_apart(most: int, *along: FloatArray) -> IntArray:
     return chosen
 
 
-def of_one_unit(found: FinishedSearch, effect: Effect, chosen: IntArray) -> IntArray:
+def of_one_unit(finished: FinishedSearch, effect: Effect, chosen: IntArray) -> IntArray:
     """Keep the rows of that unit in which the effect explains most for the noise.
 
     µm, µrad and µm/m stand on no common axis.
     """
-    rows = found.residuals.rows
+    rows = finished.residuals.rows
     channels = rows.channel[chosen]
     units = {n: channel_unit(rows.channels[n]) for n in np.unique(channels).tolist()}
     if len(set(units.values())) < 2:
         return chosen
-    explained = found.explained(effect)[chosen]
+    explained = finished.explained(effect)[chosen]
     weights = dict.fromkeys(units.values(), 0.0)
     for number, unit in units.items():
-        own = explained[channels == number] / found.findings.noise[number].fitted
-        weights[unit] += float(np.sum(own**2))
+        in_noise = explained[channels == number] / finished.findings.noise[number].fitted
+        weights[unit] += float(np.sum(in_noise**2))
     best = max(weights, key=weights.__getitem__)
-    kept = [number for number, unit in units.items() if unit is best]
-    return chosen[np.isin(channels, kept)]
+    channels_of_unit = [number for number, unit in units.items() if unit is best]
+    return chosen[np.isin(channels, channels_of_unit)]
 
 
 def _driver_of(
-    found: FinishedSearch, effect: Effect, explained: FloatArray
+    finished: FinishedSearch, effect: Effect, explained: FloatArray
 ) -> tuple[str, str, FloatArray]:
-    conditions, rows = found.residuals.projection.conditions, found.residuals.rows
+    conditions, rows = finished.residuals.projection.conditions, finished.residuals.rows
     over = kind_of(effect.kind).drawn_over
     if over == "time":
         return "time", "s", conditions.times_s
@@ -186,68 +187,70 @@ def _named(driver: Driver) -> tuple[str, str] | None:
     return None
 
 
-def _directions(found: FinishedSearch, effect: Effect, rows: IntArray) -> tuple[float, ...]:
+def _directions(finished: FinishedSearch, effect: Effect, rows: IntArray) -> tuple[float, ...]:
     code = effect.components[0]
     axis = None if code in POINT_CHANNELS else COMPONENTS[code].axis
     if axis is None:
         return (0.0,) * len(rows)
-    signs = found.residuals.rows.directions[rows, LINEAR_LETTERS.index(axis)]
+    signs = finished.residuals.rows.directions[rows, LINEAR_LETTERS.index(axis)]
     return tuple(np.sign(signs).astype(float).tolist())
 
 
 def _reversing(effects: Sequence[Effect]) -> set[str]:
     """List the components whose error reverses with the direction: it cancels in a mean."""
-    own = (e for e in effects if any(term.is_reversing for term in e.terms))
-    return {code for effect in own for code in effect.components}
+    reversing_effects = (e for e in effects if any(term.is_reversing for term in e.terms))
+    return {code for effect in reversing_effects for code in effect.components}
 
 
 def _over_visits(
-    found: FinishedSearch, after: FloatArray, reversing: Collection[str]
+    finished: FinishedSearch, after: FloatArray, reversing: Collection[str]
 ) -> list[VisitMeans]:
     """Means by visit of every channel; of very many visits some."""
-    rows = found.residuals.rows
+    rows = finished.residuals.rows
     # Means of what has a zero that nobody knows keep it; from a first observation they are shown.
-    first = [zero for zero in found.zeros if zero.is_first]
+    first = [zero for zero in finished.zeros if zero.is_first]
     before, after = (
         without_zeros(first, values)
-        for values in (np.where(found.use, found.rows.values, np.nan), after)
+        for values in (np.where(finished.use, finished.rows.values, np.nan), after)
     )
     zero_row = np.full(len(rows), -1)
     for zero in first:
-        used = zero.rows[found.use[zero.rows]]
+        used = zero.rows[finished.use[zero.rows]]
         zero_row[used] = used[:1]
     curves = []
     for number, channel in enumerate(rows.channels):
-        own = found.use & (rows.channel == number)
-        if not own.any():
+        of_channel = finished.use & (rows.channel == number)
+        if not of_channel.any():
             continue
         sides = np.zeros(len(rows))
         if channel in reversing:
             axis = LINEAR_LETTERS.index(str(COMPONENTS[channel].axis))
             sides = np.sign(rows.directions[:, axis])
-        keys = np.column_stack([rows.visit, sides])[own]
+        keys = np.column_stack([rows.visit, sides])[of_channel]
         together, which = np.unique(keys, axis=0, return_inverse=True)
         which = which.ravel()
         counts = np.bincount(which)
         means = [
-            np.bincount(which, weights=values[own]) / counts
+            np.bincount(which, weights=values[of_channel]) / counts
             for values in (rows.times_s, before, after)
         ]
-        kept = seen_apart(MOST_DRAWN, *means, together[:, 1])
+        thinned = seen_apart(MOST_DRAWN, *means, together[:, 1])
         curves.append(
             VisitMeans(
                 component=channel,
                 unit=channel_unit(channel).symbol,
                 at_points=channel in POINT_CHANNELS,
-                time_s=tuple(np.round(means[0][kept]).tolist()),
-                direction=tuple(together[kept, 1].tolist()),
-                count=tuple(counts[kept].tolist()),
-                before=_rounded(means[1][kept]),
-                after=_rounded(means[2][kept]),
+                time_s=tuple(np.round(means[0][thinned]).tolist()),
+                direction=tuple(together[thinned, 1].tolist()),
+                count=tuple(counts[thinned].tolist()),
+                before=_rounded(means[1][thinned]),
+                after=_rounded(means[2][thinned]),
                 expected=_rounded(
-                    np.sqrt(mean_variances(found, number, np.flatnonzero(own), which, zero_row))[
-                        kept
-                    ]
+                    np.sqrt(
+                        mean_variances(
+                            finished, number, np.flatnonzero(of_channel), which, zero_row
+                        )
+                    )[thinned]
                 ),
             )
         )
@@ -255,7 +258,7 @@ def _over_visits(
 
 
 def mean_variances(
-    found: FinishedSearch, channel: int, rows: IntArray, which: IntArray, zero_row: IntArray
+    finished: FinishedSearch, channel: int, rows: IntArray, which: IntArray, zero_row: IntArray
 ) -> FloatArray:
     """Give the variance of each mean: repeatability, set-up scatter, and the maps' uncertainty.
 
@@ -271,15 +274,15 @@ def mean_variances(
     -------
     ndarray, shape (k,) [the channel's unit, squared]
     """
-    noise, held = found.findings.noise[channel], found.findings.held_out.get(channel)
-    setup = 0.0 if held is None else held.floor.setups
+    noise, held_out = finished.findings.noise[channel], finished.findings.held_out.get(channel)
+    setup = 0.0 if held_out is None else held_out.floor.setups
     counts = np.bincount(which)
     zeroed = np.bincount(which, weights=zero_row[rows] >= 0) / counts
     variances = noise.fitted**2 * (1.0 / counts + zeroed) + setup**2 * (1.0 - zeroed)
-    for one in found.of_maps:
-        if one.channel != channel:
+    for entries in finished.of_maps:
+        if entries.channel != channel:
             continue
-        entering = one.at(rows) - one.at(zero_row[rows])
+        entering = entries.at(rows) - entries.at(zero_row[rows])
         sums = np.zeros((len(counts), entering.shape[1]))
         np.add.at(sums, which, entering)
         variances = variances + np.sum((sums / counts[:, None]) ** 2, axis=1)

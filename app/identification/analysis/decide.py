@@ -141,7 +141,7 @@ class Decision(NamedTuple):
     unsure: frozenset[int] = frozenset()
 
 
-def decide(found: FinishedSearch, effects: Sequence[Effect]) -> Decision:
+def decide(finished: FinishedSearch, effects: Sequence[Effect]) -> Decision:
     """Say of each found effect whether it helps, those together that do.
 
     What is refitted is part of what would be adopted: where it alone makes a visit markedly worse,
@@ -152,45 +152,48 @@ def decide(found: FinishedSearch, effects: Sequence[Effect]) -> Decision:
     effects
         As adoption would store them, in the order of the terms.
     """
-    terms = found.findings.terms
-    worlds = [list(_worlds(found, effects, i)) for i in range(len(effects))]
+    terms = finished.findings.terms
+    worlds = [list(_worlds(finished, effects, i)) for i in range(len(effects))]
     unsure = {
         i
-        for i, own in enumerate(worlds)
-        if any(world.change > 0.0 for world in own) or is_of_few_places(found, effects[i], terms[i])
+        for i, effect_worlds in enumerate(worlds)
+        if any(world.change > 0.0 for world in effect_worlds)
+        or is_of_few_places(finished, effects[i], terms[i])
     }
-    said = [_never(found, effects[i], term) for i, term in enumerate(terms)]
+    refusals = [_never(finished, effects[i], term) for i, term in enumerate(terms)]
     # Of mistakes, and of what parts of the visits found in addition, nothing is taken back.
-    base = found.findings.adopted - sum(
-        found.foretold(i) for i, e in enumerate(effects) if not kind_of(e.kind).not_adopted
+    base = finished.findings.adopted - sum(
+        finished.foretold(i) for i, e in enumerate(effects) if not kind_of(e.kind).not_adopted
     )
     while True:
-        open_to = [i for i, words in enumerate(said) if words is None]
-        refused = _refused(found, effects, worlds, open_to, base)
+        open_to = [i for i, words in enumerate(refusals) if words is None]
+        refused = _refused(finished, effects, worlds, open_to, base)
         chosen = [i for i in open_to if i not in refused]
-        taken = base + sum(found.foretold(i) for i in chosen)
-        worse = next(_worse(found, chosen, taken), None)
+        taken = base + sum(finished.foretold(i) for i in chosen)
+        worse = next(_worse(finished, chosen, taken), None)
         if worse is None:
             break
         # The one without which that visit would be best.
-        least = min(chosen, key=lambda i: size_left(found, taken - found.foretold(i), worse.rows))
-        said[least] = worse_words(found, worse)
+        least = min(
+            chosen, key=lambda i: size_left(finished, taken - finished.foretold(i), worse.rows)
+        )
+        refusals[least] = worse_words(finished, worse)
         unsure.add(least)
-    said = [refused.get(i, words) for i, words in enumerate(said)]
+    refusals = [refused.get(i, words) for i, words in enumerate(refusals)]
     helps = [
-        Help(words is None, words and words + _would_leave(found, i, effects[i], taken))
-        for i, words in enumerate(said)
+        Help(words is None, words and words + _would_leave(finished, i, effects[i], taken))
+        for i, words in enumerate(refusals)
     ]
-    known = found.findings.known
-    if known is None or not (found.findings.refitted or found.findings.dropped):
+    adopted = finished.findings.known
+    if adopted is None or not (finished.findings.refitted or finished.findings.dropped):
         return Decision(helps, unsure=frozenset(unsure))
-    if not any(one.helps for one in helps):
-        taken = known
-    return Decision(helps, next(markedly_worse(found, taken), None) is None, frozenset(unsure))
+    if not any(answer.helps for answer in helps):
+        taken = adopted
+    return Decision(helps, next(markedly_worse(finished, taken), None) is None, frozenset(unsure))
 
 
 def _refused(
-    found: FinishedSearch,
+    finished: FinishedSearch,
     effects: Sequence[Effect],
     worlds: Sequence[Sequence[World]],
     candidates: Collection[int],
@@ -205,9 +208,11 @@ def _refused(
     chosen, refused = set(candidates), dict[int, str]()
 
     def judged(of: Collection[int]) -> list[tuple[float, int, str]]:
-        beside = {i: base + sum(found.foretold(j) for j in chosen - {i}) for i in of}
-        each = {i: _judged(found, effects[i], i, worlds[i], others) for i, others in beside.items()}
-        return sorted((one.change, i, one.words) for i, one in each.items())
+        beside = {i: base + sum(finished.foretold(j) for j in chosen - {i}) for i in of}
+        each = {
+            i: _judged(finished, effects[i], i, worlds[i], others) for i, others in beside.items()
+        }
+        return sorted((trial.change, i, trial.words) for i, trial in each.items())
 
     while chosen and (worst := judged(chosen)[-1])[0] >= 0.0:
         chosen.remove(worst[1])
@@ -221,17 +226,17 @@ def _refused(
     return refused
 
 
-def _worse(found: FinishedSearch, chosen: Collection[int], taken: FloatArray) -> Iterator[Worse]:
+def _worse(finished: FinishedSearch, chosen: Collection[int], taken: FloatArray) -> Iterator[Worse]:
     """List the held-out visits that get markedly worse where any of what is chosen acts."""
-    acts = sum((found.foretold(i) != 0.0 for i in chosen), np.zeros(len(taken), dtype=bool))
-    return (worse for worse in markedly_worse(found, taken) if acts[worse.rows].any())
+    acts = sum((finished.foretold(i) != 0.0 for i in chosen), np.zeros(len(taken), dtype=bool))
+    return (worse for worse in markedly_worse(finished, taken) if acts[worse.rows].any())
 
 
-def _never(found: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
+def _never(finished: FinishedSearch, effect: Effect, term: FoundTerm) -> str | None:
     """Say why nothing can be expected of an effect; None where something can."""
     if not_adopted := kind_of(effect.kind).not_adopted:
         return not_adopted
-    if not np.isfinite(found.findings.adopted[found.use]).any():
+    if not np.isfinite(finished.findings.adopted[finished.use]).any():
         return NOT_HELD_OUT
     return NOT_FOUND_AGAIN if term.slope is None else None
 
@@ -244,7 +249,7 @@ class _Judged(NamedTuple):
 
 
 def _judged(
-    found: FinishedSearch,
+    finished: FinishedSearch,
     effect: Effect,
     number: int,
     worlds: Sequence[World],
@@ -257,8 +262,8 @@ def _judged(
     others : ndarray, shape (n,)
         What is foretold of held-out rows by all that would be adopted beside it.
     """
-    itself, term = _as_found(found, number, others), found.findings.terms[number]
-    every = _weighed([itself, *_of_rivals(found, effect, term, itself)])
+    itself, term = _as_found(finished, number, others), finished.findings.terms[number]
+    every = _weighed([itself, *_of_rivals(finished, effect, term, itself)])
     every = _weighed([*every, *worlds])
     worst = max(every, key=lambda world: world.weight * world.change)
     likely = "" if worst.words == itself.words else f" (probability {worst.weight:.0%})"
@@ -272,23 +277,27 @@ def _weighed(worlds: Sequence[World]) -> list[World]:
     return [world._replace(weight=world.weight / total) for world in worlds]
 
 
-def _as_found(found: FinishedSearch, number: int, others: FloatArray) -> World:
+def _as_found(finished: FinishedSearch, number: int, others: FloatArray) -> World:
     """Say how much of an effect those set-ups show that did not teach it.
 
     Of a trend the last ones say how it goes on, where the earlier ones show it. Of few set-ups,
     whose zeros are unknown, the maps' freedom counts too.
     """
-    term = found.findings.terms[number]
-    held = (
-        found.use & np.isfinite(found.findings.adopted) & np.isin(found.rows.channel, term.channels)
+    term = finished.findings.terms[number]
+    predicted = (
+        finished.use
+        & np.isfinite(finished.findings.adopted)
+        & np.isin(finished.rows.channel, term.channels)
     )
     slope, when = term.slope, "held-out visits"
     if term.forward_slope is not None and term.forward_slope.information >= ABOVE_ZERO**2:
         slope, when = term.forward_slope, "the last visits"
         share, error = slope.value, slope.error
-    elif np.unique(found.rows.visit[held]).size >= FEWEST_GAINS or slope is None:
-        own = found.foretold(number)
-        share, error = _share_shown(found, own, found.rows.values - others, held)
+    elif np.unique(finished.rows.visit[predicted]).size >= FEWEST_GAINS or slope is None:
+        contribution = finished.foretold(number)
+        share, error = _share_shown(
+            finished, contribution, finished.rows.values - others, predicted
+        )
     else:
         share, error = slope.value, slope.error
     words = f"{when} show {share:.2f} ± {error:.2f} of what it predicts"
@@ -296,51 +305,51 @@ def _as_found(found: FinishedSearch, number: int, others: FloatArray) -> World:
     return World(share, words, float(np.hypot(error, max(term.likelihood_ratio, 1.0) ** -0.5)))
 
 
-def _worlds(found: FinishedSearch, effects: Sequence[Effect], number: int) -> Iterator[World]:
+def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) -> Iterator[World]:
     """List what may be true instead of an effect, by whatever name, each as likely as that."""
-    effect, term = effects[number], found.findings.terms[number]
+    effect, term = effects[number], finished.findings.terms[number]
     kind = kind_of(effect.kind)
     tied = {kind_of(rival.family).never_sure for rival in term.rivals if rival.tied}
     yield from (World(0.0, words) for words in sorted(filter(None, tied)))
     if kind.may_be_instruments(effect):
-        if is_of_one_setup(found, effect):
+        if is_of_one_setup(finished, effect):
             yield World(0.0, OF_EITHER)
         if WALKS in term.doubts:
             yield World(0.0, OF_A_WALK)
         # What only differs in shape from what was found, is of the same cause as it.
-        if found.is_unexplained_at(term.channels, besides=FLEXIBLE):
+        if finished.is_unexplained_at(term.channels, besides=FLEXIBLE):
             yield World(0.0, BESIDE_WHAT_NOBODY_KNOWS)
     if ALIKE in term.doubts:
         yield World(0.0, OF_ALIKE_SET_UPS)
     if kind.constant:
-        if any(WALKS in other.doubts for other in found.findings.terms if other is not term):
+        if any(WALKS in other.doubts for other in finished.findings.terms if other is not term):
             yield World(0.0, BESIDE_A_WALK)
-        if is_of_one_hour(found, effect, term):
+        if is_of_one_hour(finished, effect, term):
             yield World(0.0, OF_ONE_HOUR)
-    unseen = World(1.0 - found.hidden_share(effect), BY_ITS_NAME_ALONE)
-    if unseen.change > 0.0 and not found.is_name_sure(effect, term):
+    unseen = World(1.0 - finished.hidden_share(effect), BY_ITS_NAME_ALONE)
+    if unseen.change > 0.0 and not finished.is_name_sure(effect, term):
         yield unseen
-    if words := _beside_a_mistake(found, effects, number):
+    if words := _beside_a_mistake(finished, effects, number):
         yield World(0.0, words)
 
 
 def _of_rivals(
-    found: FinishedSearch, effect: Effect, term: FoundTerm, itself: World
+    finished: FinishedSearch, effect: Effect, term: FoundTerm, itself: World
 ) -> Iterator[World]:
     """List what ties with an effect, by what each would have the table say later.
 
     What held-out set-ups show, they show of all of these alike.
     """
-    acts = found.use & np.isin(found.rows.channel, term.channels)
-    own = found.later(effect)
-    weighted = own[acts] / np.sum(found.scatters[acts] ** 2, axis=1)
-    size = float(weighted @ own[acts])
+    acts = finished.use & np.isin(finished.rows.channel, term.channels)
+    contribution = finished.later(effect)
+    weighted = contribution[acts] / np.sum(finished.scatters[acts] ** 2, axis=1)
+    size = float(weighted @ contribution[acts])
     if size <= 0.0:
         return
     for rival in term.rivals:
-        kind = kind_of(found.hypotheses[rival.key].kind)
+        kind = kind_of(finished.hypotheses[rival.key].kind)
         if rival.tied and not kind.never_sure:
-            like = float(weighted @ _instead(found, rival, own)[acts]) / size
+            like = float(weighted @ _instead(finished, rival, contribution)[acts]) / size
             share, error = like * itself.share, abs(like) * itself.error
             words = (
                 f"{rival.family} explains these observations as well ({kind.text}), and then "
@@ -350,18 +359,18 @@ def _of_rivals(
             yield World(share, words, error, weight)
 
 
-def _instead(found: FinishedSearch, rival: Rival, own: FloatArray) -> FloatArray:
+def _instead(finished: FinishedSearch, rival: Rival, contribution: FloatArray) -> FloatArray:
     """Say what a rival would add later, with the constant that it needs to be like the effect."""
-    other = found.later_of(rival)
+    other = finished.later_of(rival)
     if rival.with_offset:
-        for c in np.unique(found.rows.channel[found.use & (other != 0.0)]).tolist():
-            rows = found.use & (found.rows.channel == c)
-            other[rows] += (own[rows] - other[rows]).mean()
+        for c in np.unique(finished.rows.channel[finished.use & (other != 0.0)]).tolist():
+            rows = finished.use & (finished.rows.channel == c)
+            other[rows] += (contribution[rows] - other[rows]).mean()
     return other
 
 
 def _share_shown(
-    found: FinishedSearch, own: FloatArray, left: FloatArray, rows: BoolArray
+    finished: FinishedSearch, contribution: FloatArray, residuals: FloatArray, rows: BoolArray
 ) -> tuple[float, float]:
     """Say how much of what an effect predicts some rows show, and how well they know it.
 
@@ -369,40 +378,40 @@ def _share_shown(
 
     Parameters
     ----------
-    own, left : ndarray, shape (n,)
+    contribution, residuals : ndarray, shape (n,)
         What it predicts of each row, and what is there beside all other effects.
     """
-    claimed, shown = (found.from_zero(values, rows) for values in (own, left))
-    noise, shift = found.scatters[rows].T
+    claimed, measured = (finished.from_zero(values, rows) for values in (contribution, residuals))
+    noise, shift = finished.scatters[rows].T
     weights = claimed / (noise**2 + shift**2)
     size = float(weights @ claimed)
     if size <= 0.0:
         return 1.0, np.inf
-    share = float(weights @ shown) / size
+    share = float(weights @ measured) / size
     # a'y with y's covariance: each row's noise, and the shift that a set-up's rows share.
-    together = np.bincount(found.set_up[rows], weights=weights * shift)
+    together = np.bincount(finished.set_up[rows], weights=weights * shift)
     variance = float(np.sum((weights * noise) ** 2) + np.sum(together**2))
     # Or as set-ups differ, where they do by more.
-    _, visit = np.unique(found.rows.visit[rows][claimed != 0.0], return_inverse=True)
-    apart = np.bincount(visit, weights=(weights * (shown - share * claimed))[claimed != 0.0])
+    _, visit = np.unique(finished.rows.visit[rows][claimed != 0.0], return_inverse=True)
+    apart = np.bincount(visit, weights=(weights * (measured - share * claimed))[claimed != 0.0])
     between = float(apart @ apart) * apart.size / max(apart.size - 1, 1)
     return share, float(np.sqrt(max(variance, between))) / size
 
 
-def _beside_a_mistake(found: FinishedSearch, effects: Sequence[Effect], number: int) -> str:
+def _beside_a_mistake(finished: FinishedSearch, effects: Sequence[Effect], number: int) -> str:
     """Say which mistake may have made an effect, and is to be corrected first; empty for none.
 
     What a mistake leaves in the rows is known only as far as the mistake is; the rest of it
     moves with temperatures too, and would be adopted by another name. Beside a mistake of which
     nobody is sure, only what is no surer waits: it may be either of the two.
     """
-    terms, effect = found.findings.terms, effects[number]
-    is_sure = found.is_name_sure(effect, terms[number])
+    terms, effect = finished.findings.terms, effects[number]
+    is_sure = finished.is_name_sure(effect, terms[number])
     for other, term in zip(effects, terms, strict=True):
         kind = kind_of(other.kind)
         if spoilt := kind.spoils.get(effect.kind):
             return spoilt
-        if kind_of(effect.kind).not_adopted or (is_sure and not found.is_name_sure(other, term)):
+        if kind_of(effect.kind).not_adopted or (is_sure and not finished.is_name_sure(other, term)):
             continue
         if shakes(other, effect, set(term.channels) & set(terms[number].channels)):
             return f"{BESIDE_A_MISTAKE}: {kind.text}"
@@ -430,16 +439,16 @@ def shakes(mistake: Effect, effect: Effect, shared: Collection[int]) -> bool:
     return bool(shared) or is_driven
 
 
-def _would_leave(found: FinishedSearch, number: int, effect: Effect, taken: FloatArray) -> str:
+def _would_leave(finished: FinishedSearch, number: int, effect: Effect, taken: FloatArray) -> str:
     """Say what held-out set-ups would be left with by a refused effect beside what is adopted."""
-    part = found.foretold(number)
-    held = found.use & np.isfinite(found.findings.adopted) & (part != 0.0)
-    names = found.residuals.rows.channels
-    own = found.own_channels(effect, found.findings.terms[number])
-    units = {channel_unit(names[c]) for c in own}
-    chosen = held & np.isin(found.rows.channel, own)
+    part = finished.foretold(number)
+    predicted = finished.use & np.isfinite(finished.findings.adopted) & (part != 0.0)
+    names = finished.residuals.rows.channels
+    channels = finished.own_channels(effect, finished.findings.terms[number])
+    units = {channel_unit(names[c]) for c in channels}
+    chosen = predicted & np.isin(finished.rows.channel, channels)
     if len(units) != 1 or not chosen.any():
         return ""
-    sizes = (size_left(found, left, chosen) for left in (taken, taken + part))
+    sizes = (size_left(finished, prediction, chosen) for prediction in (taken, taken + part))
     before, after = (f"{size:.3g}" for size in sizes)
     return f"; with it held-out set-ups would go from {before} to {after} {units.pop().symbol}"

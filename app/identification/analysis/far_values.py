@@ -64,31 +64,35 @@ class FarValue(Answer, published_as="FarValueAnswer"):
         return "" if self.position_mm is None else f"{self.position_mm:g} mm"
 
 
-def far_values(found: FinishedSearch) -> tuple[FarValue, ...]:
+def far_values(finished: FinishedSearch) -> tuple[FarValue, ...]:
     """List what was left out because it is far, the furthest over its scatter first."""
     listed: list[tuple[float, FarValue]] = []
-    for one in found.findings.excluded:
-        whole = one.visit is not None
-        pairs = list(zip(one.rows, one.off, strict=True))
+    for group in finished.findings.excluded:
+        whole = group.visit is not None
+        pairs = list(zip(group.rows, group.off, strict=True))
         for row, off in pairs[:1] if whole else pairs:
             count = len(pairs) if whole else 1
-            value = _value(found, row, off, count, is_alike=row in one.alike)
-            noise = found.findings.noise.get(one.channel)
+            value = _value(finished, row, off, count, is_alike=row in group.alike)
+            noise = finished.findings.noise.get(group.channel)
             listed.append((abs(off) / (noise.fitted if noise else 1.0), value))
     return tuple(value for _, value in sorted(listed, key=lambda pair: -pair[0]))
 
 
-def _value(found: FinishedSearch, row: int, off: float, count: int, *, is_alike: bool) -> FarValue:
-    rows = found.residuals.rows
+def _value(
+    finished: FinishedSearch, row: int, off: float, count: int, *, is_alike: bool
+) -> FarValue:
+    rows = finished.residuals.rows
     name = rows.channels[int(rows.channel[row])]
     point = rows.points_mm[row]
     is_point = name in POINT_CHANNELS
-    known = point[~np.isnan(point)]
+    coordinates = point[~np.isnan(point)]
     return FarValue(
         component=name,
         label=rows.verifications[int(rows.verification[row])].label,
         time=datetime.fromtimestamp(float(rows.times_s[row]), UTC),
-        position_mm=float(known[0]) if not is_point and len(known) == 1 and count == 1 else None,
+        position_mm=float(coordinates[0])
+        if not is_point and len(coordinates) == 1 and count == 1
+        else None,
         point_mm=(float(point[0]), float(point[1]), float(point[2]))
         if is_point and count == 1
         else None,
@@ -107,14 +111,16 @@ def left_out_words(far: Sequence[FarValue]) -> str:
     far
         What was left out, the furthest first.
     """
-    visits = [one for one in far if one.count > 1]
-    single = [one for one in far if one.count == 1]
+    visits = [value for value in far if value.count > 1]
+    single = [value for value in far if value.count == 1]
     words = ""
     if visits:
-        named = list_names([f"{one.component} in {one.label!r}" for one in visits], MOST_NAMED)
+        named = list_names(
+            [f"{visit.component} in {visit.label!r}" for visit in visits], MOST_NAMED
+        )
         words += f" Left out because it lies far from all other visits: {named}."
     if single:
-        named = list_names([_named(one) for one in single], MOST_NAMED)
+        named = list_names([_named(value) for value in single], MOST_NAMED)
         they = "they lie" if len(single) > 1 else "it lies"
         words += (
             f" {counted(len(single), 'value was', 'values were')} left out because {they} far from "
@@ -123,34 +129,36 @@ def left_out_words(far: Sequence[FarValue]) -> str:
     return words
 
 
-def _named(one: FarValue) -> str:
-    at = f" at {one.place}" if one.place else ""
-    return f"{one.component}{at} in {one.label!r} ({one.off:+.2g} {one.unit})"
+def _named(value: FarValue) -> str:
+    at = f" at {value.place}" if value.place else ""
+    return f"{value.component}{at} in {value.label!r} ({value.off:+.2g} {value.unit})"
 
 
 def asked_again(far: Sequence[FarValue]) -> list[str]:
     """Say what to do about what was left out."""
-    found = [
-        f"Find out what happened to {one.component} in {one.label!r}: it lies far from all other "
+    steps = [
+        f"Find out what happened to {value.component} in {value.label!r}: it lies far from all "
+        "other "
         "visits and was left out as a slip; measure it again."
-        for one in far
-        if one.count > 1
+        for value in far
+        if value.count > 1
     ]
-    for name in dict.fromkeys(one.component for one in far if one.is_alike):
-        own = [one for one in far if one.component == name and one.is_alike]
-        sizes = sorted(one.off for one in own)
-        found.append(
+    for name in dict.fromkeys(value.component for value in far if value.is_alike):
+        alike = [value for value in far if value.component == name and value.is_alike]
+        sizes = sorted(value.off for value in alike)
+        steps.append(
             f"Find out what was on when {name} was off by about {sizes[len(sizes) // 2]:+.2g} "
-            f"{own[0].unit} in {counted(len(own), 'value')}: they are too much alike for slips. "
+            f"{alike[0].unit} in {counted(len(alike), 'value')}: they are too much alike for "
+            "slips. "
             "Log it as a state."
         )
-    single = [one for one in far if one.count == 1 and not one.is_alike]
+    single = [value for value in far if value.count == 1 and not value.is_alike]
     if single:
-        found.append(
+        steps.append(
             f"Look at the {len(single)} values that were left out as slips, and measure there "
             f"again if they matter: the furthest is {_named(single[0])}."
             if len(single) > 1
             else "Look at the value that was left out as a slip, and measure there again if it "
             f"matters: {_named(single[0])}."
         )
-    return found
+    return steps

@@ -65,8 +65,8 @@ class FinishedSearch:
 
     def is_unexplained_at(self, channels: Collection[int], *, besides: str = "") -> bool:
         """Say whether structure remains in any of some channels, whatever one test says."""
-        left = {one.channel for one in self.findings.unexplained if one.test != besides}
-        return bool(left.intersection(channels))
+        unexplained = {part.channel for part in self.findings.unexplained if part.test != besides}
+        return bool(unexplained.intersection(channels))
 
     def scatter(self, channel: int) -> tuple[float, float]:
         """Give the standard deviations of an observation and of a set-up as a whole.
@@ -74,10 +74,10 @@ class FinishedSearch:
         An observation scatters by no less than the floor was made with: what was fitted lies
         below it by chance, or because values that are read in steps hardly move.
         """
-        noise, held = self.noise(channel), self.findings.held_out.get(channel)
-        if held is None:
+        noise, held_out = self.noise(channel), self.findings.held_out.get(channel)
+        if held_out is None:
             return noise, 0.0
-        return max(noise, held.floor.noise), held.floor.setups
+        return max(noise, held_out.floor.noise), held_out.floor.setups
 
     def noise(self, channel: int) -> float:
         """Give the standard deviation of an observation, as fitted to these rows; above zero."""
@@ -92,10 +92,10 @@ class FinishedSearch:
     @cached_property
     def scatters(self) -> FloatArray:
         """Standard deviations of each row and of its set-up as a whole, shape (n, 2)."""
-        found = np.full((len(self.use), 2), np.nan)
+        scatters = np.full((len(self.use), 2), np.nan)
         for channel in self.findings.noise:
-            found[self.rows.channel == channel] = self.scatter(channel)
-        return found
+            scatters[self.rows.channel == channel] = self.scatter(channel)
+        return scatters
 
     def from_zero(self, values: FloatArray, chosen: BoolArray) -> FloatArray:
         """Give values of m chosen rows without the zeros that nobody knows, shape (m,).
@@ -175,7 +175,7 @@ class FinishedSearch:
         )
         if effect.valid is None:
             return effect
-        found = growths(
+        bounds = growths(
             effect.valid,
             hypothesis.unit_terms(term.theta),
             expected.amplitudes,
@@ -183,7 +183,7 @@ class FinishedSearch:
             self.residuals.projection,
             {channel: noise.fitted for channel, noise in self.findings.noise.items()},
         )
-        valid = limited_in_time(effect.valid, found, goes_on=self.goes_on(term))
+        valid = limited_in_time(effect.valid, bounds, goes_on=self.goes_on(term))
         return replace(effect, valid=valid)
 
     def expected_of(self, term: FoundTerm) -> Shrunk:
@@ -206,7 +206,7 @@ class FinishedSearch:
         What one set-up shows may be the instrument's. What settles, or has ended, differs in its
         course from an even growth, ties with a step, or has one found beside it.
         """
-        own = self.use & np.isin(self.rows.channel, term.channels)
+        rows_of_term = self.use & np.isin(self.rows.channel, term.channels)
         others = (
             other.family
             for other in self.findings.terms
@@ -214,7 +214,7 @@ class FinishedSearch:
         )
         tied = (rival.family for rival in term.rivals if rival.tied)
         return (
-            np.unique(self.rows.visit[own]).size >= FEWEST_BLOCKS
+            np.unique(self.rows.visit[rows_of_term]).size >= FEWEST_BLOCKS
             and term.status is Status.CONFIRMED
             and term.forward_slope is not None
             and holds(term.forward_slope, term.likelihood_ratio)
@@ -229,8 +229,8 @@ class FinishedSearch:
         hypothesis = self.hypotheses.get(claim_of(effect).key)
         if hypothesis is not None and hypothesis.supposed is not None:
             return self._left_by(hypothesis)
-        own = sum_of_terms(self.residuals.projection, effect.terms)
-        return np.nan_to_num(own, nan=0.0)
+        total = sum_of_terms(self.residuals.projection, effect.terms)
+        return np.nan_to_num(total, nan=0.0)
 
     def foretold(self, number: int) -> FloatArray:
         """Say what a term was foretold to add to held-out rows where it acts, shape (n,).
@@ -264,18 +264,20 @@ class FinishedSearch:
 
     def hidden_share(self, effect: Effect) -> float:
         """Say which share of an effect's squares zeros of set-ups hide."""
-        own = self.explained(effect)
-        size = float(own[self.use] @ own[self.use])
-        shown = without_zeros([replace(zero, is_first=False) for zero in self.zeros], own)[self.use]
-        return 1.0 - float(shown @ shown) / size if size > 0.0 else 0.0
+        explained = self.explained(effect)
+        size = float(explained[self.use] @ explained[self.use])
+        visible = without_zeros([replace(zero, is_first=False) for zero in self.zeros], explained)[
+            self.use
+        ]
+        return 1.0 - float(visible @ visible) / size if size > 0.0 else 0.0
 
     def _left_by(self, mistake: Hypothesis) -> FloatArray:
-        found = np.zeros(len(self.use))
+        supposed = np.zeros(len(self.use))
         for term in self.findings.terms:
             if term.key == mistake.key:
                 for part in mistake.parts(self.residuals.projection, term.theta):
-                    found[part.rows] += part.columns @ term.amplitudes
-        return found
+                    supposed[part.rows] += part.columns @ term.amplitudes
+        return supposed
 
 
 def _as_at(term: Term, time_s: float) -> Term:

@@ -45,7 +45,7 @@ HARDLY_SEEN: Final = (
 
 
 def found_effects(
-    found: FinishedSearch, effects: Sequence[Effect], decision: Decision
+    finished: FinishedSearch, effects: Sequence[Effect], decision: Decision
 ) -> list[FoundEffect]:
     """Describe every found term.
 
@@ -55,13 +55,15 @@ def found_effects(
         As adoption would store them, and whether they help, in the order of the terms.
     """
     return [
-        _found_effect(found, *one, is_unsure=i in decision.unsure)
-        for i, one in enumerate(zip(effects, found.findings.terms, decision.helps, strict=True))
+        _found_effect(finished, *parts_of_effect, is_unsure=i in decision.unsure)
+        for i, parts_of_effect in enumerate(
+            zip(effects, finished.findings.terms, decision.helps, strict=True)
+        )
     ]
 
 
 def faults_of_readings(
-    found: FinishedSearch, faults: ReadingFaults, before: FloatArray
+    finished: FinishedSearch, faults: ReadingFaults, before: FloatArray
 ) -> list[FoundEffect]:
     """Describe the sensors that read wrong by their own record.
 
@@ -70,23 +72,26 @@ def faults_of_readings(
     before : ndarray, shape (n,) [the channels' units]
         Residuals with the faulty readings believed; NaN where they are not known.
     """
-    names = np.array(found.residuals.rows.channels)[found.rows.channel]
+    names = np.array(finished.residuals.rows.channels)[finished.rows.channel]
     described = []
     for effect, words in zip(faults.effects, faults.words, strict=True):
-        own = found.use & np.isin(names, effect.components)
-        own = own if own.any() else found.use
-        in_um = own & lengths(found.residuals)
-        own = in_um if in_um.any() else own
+        rows_of_effect = finished.use & np.isin(names, effect.components)
+        rows_of_effect = rows_of_effect if rows_of_effect.any() else finished.use
+        in_um = rows_of_effect & lengths(finished.residuals)
+        rows_of_effect = in_um if in_um.any() else rows_of_effect
         sizes = [
-            rms(found.from_zero(values, own))
-            for values in (np.where(np.isnan(before), found.rows.values, before), found.rows.values)
+            rms(finished.from_zero(values, rows_of_effect))
+            for values in (
+                np.where(np.isnan(before), finished.rows.values, before),
+                finished.rows.values,
+            )
         ]
         described.append(
             FoundEffect(
-                effect=found.with_ranges(effect),
+                effect=finished.with_ranges(effect),
                 before_rms=sizes[0],
                 after_rms=sizes[1],
-                unit=channel_unit(str(names[own][0])).symbol,
+                unit=channel_unit(str(names[rows_of_effect][0])).symbol,
                 status=str(Status.CONFIRMED),
                 helps=True,
                 why_not=None,
@@ -105,16 +110,16 @@ def faults_of_readings(
 
 
 def _found_effect(
-    found: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, is_unsure: bool
+    finished: FinishedSearch, effect: Effect, term: FoundTerm, helps: Help, *, is_unsure: bool
 ) -> FoundEffect:
-    before, after, unit = _sizes(found, effect, term)
-    is_proxy = found.is_proxy(effect, term)
+    before, after, unit = _sizes(finished, effect, term)
+    is_proxy = finished.is_proxy(effect, term)
     confirmed = term.status is Status.CONFIRMED
     own_doubts = (
         kind_of(effect.kind).doubt(effect),
-        AS_LATE_AS_TRIED if found.is_slowest(term) else None,
+        AS_LATE_AS_TRIED if finished.is_slowest(term) else None,
     )
-    is_open = is_unsure or not found.is_name_sure(effect, term)
+    is_open = is_unsure or not finished.is_name_sure(effect, term)
     return FoundEffect(
         effect=effect,
         before_rms=before,
@@ -126,25 +131,25 @@ def _found_effect(
         is_proxy=is_proxy,
         doubts=(*term.doubts, *filter(None, own_doubts)),
         evidence=_evidence(term),
-        alternatives=_alternatives(found, term),
-        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(found, term)}"
-        f"{HARDLY_SEEN if found.expected_of(term).is_hardly_known else ''}",
-        strongest_visits=tuple(_visit(found, v) for v in term.strongest_visits),
+        alternatives=_alternatives(finished, term),
+        explanation=f"{PROXY if is_proxy else ''}{explain(effect)}{_other_course(finished, term)}"
+        f"{HARDLY_SEEN if finished.expected_of(term).is_hardly_known else ''}",
+        strongest_visits=tuple(_visit(finished, v) for v in term.strongest_visits),
         leverage=term.leverage,
-        leverage_warning=_leverage_warning(found, term),
+        leverage_warning=_leverage_warning(finished, term),
         measure_again=use_until(effect) or None,
     )
 
 
-def _other_course(found: FinishedSearch, term: FoundTerm) -> str:
+def _other_course(finished: FinishedSearch, term: FoundTerm) -> str:
     """Say how else the effect may come late, where these values do not tell."""
-    own = found.hypotheses[term.key]
-    keys = {form.key for form in own.forms}
+    hypothesis = finished.hypotheses[term.key]
+    keys = {form.key for form in hypothesis.forms}
     tied = (rival for rival in term.rivals if rival.key in keys and rival.tied)
     return "".join(
-        f"; {series_text(own.nonlinear, rival.theta)} fit as well"
+        f"; {series_text(hypothesis.nonlinear, rival.theta)} fit as well"
         for rival in tied
-        if own.nonlinear is not None and rival.theta is not None
+        if hypothesis.nonlinear is not None and rival.theta is not None
     )
 
 
@@ -161,14 +166,16 @@ def _evidence(term: FoundTerm) -> Evidence:
     )
 
 
-def _alternatives(found: FinishedSearch, term: FoundTerm) -> tuple[Alternative, ...]:
+def _alternatives(finished: FinishedSearch, term: FoundTerm) -> tuple[Alternative, ...]:
     """Ties first, then what else comes closest."""
-    own = found.hypotheses[term.key]
+    hypothesis = finished.hypotheses[term.key]
     rivals = sorted(term.rivals, key=lambda r: (not r.tied, r.behind))[:MOST_ALTERNATIVES]
-    return tuple(_alternative(own, found.hypotheses[r.key], term, r) for r in rivals)
+    return tuple(_alternative(hypothesis, finished.hypotheses[r.key], term, r) for r in rivals)
 
 
-def _alternative(own: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Rival) -> Alternative:
+def _alternative(
+    hypothesis: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Rival
+) -> Alternative:
     return Alternative(
         *claim_of(other),
         evidence=term.evidence - rival.behind,
@@ -176,37 +183,39 @@ def _alternative(own: Hypothesis, other: Hypothesis, term: FoundTerm, rival: Riv
         alias_share=rival.alias_share,
         tied=rival.tied,
         with_offset=rival.with_offset,
-        separating_measurement=separating_measurement(own, other) if rival.tied else None,
+        separating_measurement=separating_measurement(hypothesis, other) if rival.tied else None,
     )
 
 
-def _sizes(found: FinishedSearch, effect: Effect, term: FoundTerm) -> tuple[float, float, str]:
+def _sizes(finished: FinishedSearch, effect: Effect, term: FoundTerm) -> tuple[float, float, str]:
     """Residuals where the effect acts, before and after all effects, and their unit."""
-    names = found.residuals.rows.channels
-    own = found.own_channels(effect, term)
-    in_um = [c for c in own if channel_unit(names[c]) is Unit.UM]
-    chosen = found.use & np.isin(found.rows.channel, in_um or own)
-    predicted = found.findings.adopted
-    held = chosen & np.isfinite(predicted)
-    if held.any():
-        chosen, explained = held, predicted
+    names = finished.residuals.rows.channels
+    channels = finished.own_channels(effect, term)
+    in_um = [c for c in channels if channel_unit(names[c]) is Unit.UM]
+    chosen = finished.use & np.isin(finished.rows.channel, in_um or channels)
+    predicted = finished.findings.adopted
+    predicted_rows = chosen & np.isfinite(predicted)
+    if predicted_rows.any():
+        chosen, explained = predicted_rows, predicted
     else:
-        explained = sum((found.explained(e) for e in found.effects()), np.zeros(len(chosen)))
-    sizes = [rms(found.from_zero(found.rows.values - part, chosen)) for part in (0.0, explained)]
-    return sizes[0], sizes[1], channel_unit(names[(in_um or own)[0]]).symbol
+        explained = sum((finished.explained(e) for e in finished.effects()), np.zeros(len(chosen)))
+    sizes = [
+        rms(finished.from_zero(finished.rows.values - part, chosen)) for part in (0.0, explained)
+    ]
+    return sizes[0], sizes[1], channel_unit(names[(in_um or channels)[0]]).symbol
 
 
-def _visit(found: FinishedSearch, number: int) -> StrongVisit:
-    rows = found.residuals.rows
-    own = rows.visit == number
-    label = rows.verifications[int(rows.verification[own][0])].label
-    return StrongVisit(label, utc_time(float(rows.times_s[own].min())))
+def _visit(finished: FinishedSearch, number: int) -> StrongVisit:
+    rows = finished.residuals.rows
+    of_visit = rows.visit == number
+    label = rows.verifications[int(rows.verification[of_visit][0])].label
+    return StrongVisit(label, utc_time(float(rows.times_s[of_visit].min())))
 
 
-def _leverage_warning(found: FinishedSearch, term: FoundTerm) -> str | None:
+def _leverage_warning(finished: FinishedSearch, term: FoundTerm) -> str | None:
     if term.leverage < HIGH_LEVERAGE or len(term.strongest_visits) < 2:
         return None
-    labels = " and ".join(repr(_visit(found, v).label) for v in term.strongest_visits)
+    labels = " and ".join(repr(_visit(finished, v).label) for v in term.strongest_visits)
     return (
         f"two visits ({labels}) carry {term.leverage:.0%} of the evidence: repeat such conditions "
         "before relying on it"

@@ -34,13 +34,13 @@ def generic_candidates(view: CampaignView) -> list[Candidate]:
     list of Candidate
         Generic ones; their keys end in what they move with, in words (`words_of`).
     """
-    found = []
+    candidates = []
     for number, channel in enumerate(view.rows.channels):
         rows = view.rows.of_channel(channel)
         if len(rows) < FEWEST_FOR_SHAPES:
             continue
         for words, columns in _shapes(view, rows, channel in POINT_CHANNELS):
-            found.append(
+            candidates.append(
                 Candidate(
                     key=f"{channel}: {words}",
                     family="generic",
@@ -49,7 +49,7 @@ def generic_candidates(view: CampaignView) -> list[Candidate]:
                     within_visit=True,
                 )
             )
-    return found
+    return candidates
 
 
 def words_of(key: str) -> str:
@@ -76,11 +76,11 @@ def _shapes(
     }
     for words, values in _slow(view, rows).items():
         if _varies(values):
-            own = _cosines(values)
-            yield words, own
+            waves = _cosines(values)
+            yield words, waves
             if not at_points:
                 for place in places.values():
-                    yield words + CROSSED_WITH, own * place[:, None]
+                    yield words + CROSSED_WITH, waves * place[:, None]
     for words, place in places.items():
         yield words, np.column_stack([_cosines(place), np.cos(4.0 * np.pi * place)])
     yield from _of_directions(view, rows, places)
@@ -91,15 +91,15 @@ def _shapes(
 def _slow(view: CampaignView, rows: IntArray) -> Mapping[str, FloatArray]:
     """Everything that changes with time rather than with the place."""
     conditions = view.conditions
-    found = {"time": conditions.times_s[rows]}
+    quantities = {"time": conditions.times_s[rows]}
     for sensor in view.varying_sensors:
-        found[f"the temperature of {sensor}"] = conditions.temperature(sensor)[rows]
+        quantities[f"the temperature of {sensor}"] = conditions.temperature(sensor)[rows]
         rates = conditions.rates_c_per_h.get(sensor)
         if rates is not None:
-            found[f"the rate of {sensor}"] = rates[rows]
+            quantities[f"the rate of {sensor}"] = rates[rows]
     for state in view.varying_states:
-        found[state] = conditions.state(state)[rows]
-    return found
+        quantities[state] = conditions.state(state)[rows]
+    return quantities
 
 
 def _of_directions(
@@ -131,20 +131,20 @@ def _of_points(
 
 
 def _varies(values: FloatArray) -> bool:
-    known = values[~np.isnan(values)]
-    return known.size >= FEWEST_FOR_SHAPES and float(np.ptp(known)) > 0.0
+    finite = values[~np.isnan(values)]
+    return finite.size >= FEWEST_FOR_SHAPES and float(np.ptp(finite)) > 0.0
 
 
 def _scaled(values: FloatArray) -> FloatArray:
     """Count from 0 to 1 over the range."""
     low, high = np.nanmin(values), np.nanmax(values)
-    found: FloatArray = (values - low) / (high - low) if high > low else np.zeros(values.shape)
-    return found
+    scaled: FloatArray = (values - low) / (high - low) if high > low else np.zeros(values.shape)
+    return scaled
 
 
 def _cosines(values: FloatArray) -> FloatArray:
     """Give cosines over the quantity's range, shape (m, 3); zero where it is not known."""
     angle = np.pi * _scaled(values)
     waves = np.column_stack([np.cos(k * angle) for k in range(1, RANGE_WAVES + 1)])
-    found: FloatArray = np.nan_to_num(waves, nan=0.0)
-    return found
+    cosines: FloatArray = np.nan_to_num(waves, nan=0.0)
+    return cosines

@@ -39,40 +39,42 @@ class Worse(NamedTuple):
     after: float
 
 
-def markedly_worse(found: FinishedSearch, predicted: FloatArray) -> Iterator[Worse]:
+def markedly_worse(finished: FinishedSearch, predicted: FloatArray) -> Iterator[Worse]:
     """List the held-out visits, channel by channel, that get markedly worse."""
-    seen = found.use & np.isfinite(predicted)
-    set_up = found.set_up[seen]
+    seen = finished.use & np.isfinite(predicted)
+    set_up = finished.set_up[seen]
     count = np.maximum(np.bincount(set_up), 1)
     before, after = (
-        np.sqrt(np.bincount(set_up, found.from_zero(found.rows.values - part, seen) ** 2) / count)
+        np.sqrt(
+            np.bincount(set_up, finished.from_zero(finished.rows.values - part, seen) ** 2) / count
+        )
         for part in (np.zeros(len(predicted)), predicted)
     )
-    for one in np.unique(set_up[predicted[seen] != 0.0]).tolist():
-        own = seen & (found.set_up == one)
-        c, visit = int(found.rows.channel[own][0]), int(found.rows.visit[own][0])
-        of_channel = np.unique(set_up[found.rows.channel[seen] == c]).size
+    for which in np.unique(set_up[predicted[seen] != 0.0]).tolist():
+        of_setup = seen & (finished.set_up == which)
+        c, visit = int(finished.rows.channel[of_setup][0]), int(finished.rows.visit[of_setup][0])
+        of_channel = np.unique(set_up[finished.rows.channel[seen] == c]).size
         often = float(norm.isf(ONE_SIDED / of_channel))
-        scatter = _scatter_of_visit(found, c, visit, int(count[one]))
-        if after[one] - before[one] > max(MARKEDLY * before[one], often * scatter):
-            yield Worse(own, c, float(before[one]), float(after[one]))
+        scatter = _scatter_of_visit(finished, c, visit, int(count[which]))
+        if after[which] - before[which] > max(MARKEDLY * before[which], often * scatter):
+            yield Worse(of_setup, c, float(before[which]), float(after[which]))
 
 
-def _scatter_of_visit(found: FinishedSearch, channel: int, visit: int, count: int) -> float:
+def _scatter_of_visit(finished: FinishedSearch, channel: int, visit: int, count: int) -> float:
     """Say how far a visit lies off as a whole by its set-up and its repeatability."""
-    noise, setup = found.scatter(channel)
-    is_zeroed = found.rows.datum.get((visit, channel)) is Datum.FIRST
+    noise, setup = finished.scatter(channel)
+    is_zeroed = finished.rows.datum.get((visit, channel)) is Datum.FIRST
     return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
 
 
-def size_left(found: FinishedSearch, predicted: FloatArray, own: BoolArray) -> float:
+def size_left(finished: FinishedSearch, predicted: FloatArray, chosen: BoolArray) -> float:
     """Give the root mean square of what a prediction leaves of some rows, from their zero."""
-    return rms(found.from_zero(found.rows.values - predicted, own))
+    return rms(finished.from_zero(finished.rows.values - predicted, chosen))
 
 
-def worse_words(found: FinishedSearch, worse: Worse) -> str:
+def worse_words(finished: FinishedSearch, worse: Worse) -> str:
     """Say which visit gets worse, and by how much."""
-    rows = found.residuals.rows
+    rows = finished.residuals.rows
     first = int(np.flatnonzero(worse.rows)[0])
     verification = rows.verifications[int(rows.verification[first])]
     setup = verification.observations[int(rows.observation[first])].setup
@@ -86,7 +88,9 @@ def worse_words(found: FinishedSearch, worse: Worse) -> str:
     )
 
 
-def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: FloatArray) -> bool:
+def is_refit_better(
+    finished: FinishedSearch, channels: Collection[int], instead: FloatArray
+) -> bool:
     """Whether held-out set-ups agree that effects of the model are better fitted anew.
 
     What was learnt before stays unless the mean by which the squares of its set-ups fall is
@@ -98,31 +102,32 @@ def is_refit_better(found: FinishedSearch, channels: Collection[int], instead: F
     instead : ndarray, shape (n,)
         What is predicted of held-out rows where they stay; NaN: not held out.
     """
-    seen = found.use & np.isfinite(found.findings.adopted) & np.isfinite(instead)
+    seen = finished.use & np.isfinite(finished.findings.adopted) & np.isfinite(instead)
     anew, before = (
-        gains_of_visits(found, channels, predicted, seen)
-        for predicted in (found.findings.adopted, instead)
+        gains_of_visits(finished, channels, predicted, seen)
+        for predicted in (finished.findings.adopted, instead)
     )
     return is_above_zero(anew - before, AGREES)
 
 
-def maps_that_harm(found: FinishedSearch) -> str:
+def maps_that_harm(finished: FinishedSearch) -> str:
     """Say where what the model says leaves more than no compensation would; empty where nowhere.
 
     No verification took part in making the maps. By chance, it is said in one campaign of a
     hundred.
     """
-    measured = found.residuals.rows.measured
+    measured = finished.residuals.rows.measured
     # Without the model, as if minus what it says were adopted.
-    of_maps = found.rows.values - measured
-    names = found.residuals.rows.channels
+    of_maps = finished.rows.values - measured
+    names = finished.residuals.rows.channels
     words = []
-    for c in sorted(found.findings.noise):
-        own = found.use & (found.rows.channel == c)
-        gains = gains_of_visits(found, [c], of_maps, own)
-        if is_above_zero(gains, ONE_SIDED / len(found.findings.noise)):
+    for c in sorted(finished.findings.noise):
+        of_channel = finished.use & (finished.rows.channel == c)
+        gains = gains_of_visits(finished, [c], of_maps, of_channel)
+        if is_above_zero(gains, ONE_SIDED / len(finished.findings.noise)):
             without, with_maps = (
-                size_left(found, said, own) for said in (of_maps, np.zeros(len(measured)))
+                size_left(finished, prediction, of_channel)
+                for prediction in (of_maps, np.zeros(len(measured)))
             )
             unit = channel_unit(names[c]).symbol
             words.append(f"{names[c]} {with_maps:.3g} instead of {without:.3g} {unit}")
@@ -143,14 +148,14 @@ def is_above_zero(gains: FloatArray, chance: float) -> bool:
 
 
 def gains_of_visits(
-    found: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
+    finished: FinishedSearch, channels: Collection[int], predicted: FloatArray, chosen: BoolArray
 ) -> FloatArray:
     """Sum up by how much the squares of each visit fall, each row in its floor's, shape (v,)."""
-    chosen = chosen & np.isin(found.rows.channel, list(channels))
+    chosen = chosen & np.isin(finished.rows.channel, list(channels))
     before, after = (
-        found.from_zero(values, chosen)
-        for values in (found.rows.values, found.rows.values - predicted)
+        finished.from_zero(values, chosen)
+        for values in (finished.rows.values, finished.rows.values - predicted)
     )
-    gains = (before**2 - after**2) / np.sum(found.scatters[chosen] ** 2, axis=1)
-    _, visit = np.unique(found.rows.visit[chosen], return_inverse=True)
+    gains = (before**2 - after**2) / np.sum(finished.scatters[chosen] ** 2, axis=1)
+    _, visit = np.unique(finished.rows.visit[chosen], return_inverse=True)
     return np.bincount(visit, weights=gains).astype(np.float64)

@@ -61,16 +61,16 @@ class TooLarge(NamedTuple):
                 f"model predicts, where {expected} is to be expected; no repeatability is known, "
                 "and one observation says nothing of its own scatter"
             )
-        told = (
+        opening = (
             f"{self.name} has residuals of {self.rms:.2g} {self.unit} (root mean square) in "
             f"{setups}, where "
         )
         if self.unknown_scatter_of:
             return (
-                f"{told}{expected} is to be expected; no repeatability is known, and "
+                f"{opening}{expected} is to be expected; no repeatability is known, and "
                 f"{self.unknown_scatter_of} observations there say nothing of their own scatter"
             )
-        return f"{told}repeatability and maps explain {expected}"
+        return f"{opening}repeatability and maps explain {expected}"
 
 
 class _RowScatter(NamedTuple):
@@ -81,7 +81,7 @@ class _RowScatter(NamedTuple):
     is_shown: bool
 
 
-def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> FinishedSearch:
+def with_what_stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) -> FinishedSearch:
     """Call what effects leave unexplained where it is still larger than the noise.
 
     A set-up of which nobody knows how it scatters, and maps that may be wrong, take up whatever
@@ -90,110 +90,110 @@ def with_what_stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> Fi
     Beside one that visits that were held out confirm, set-ups may scatter here as they do in the
     other channels: of twenty channels of two set-ups each, some are always large.
     """
-    effects = found.effects()
+    effects = finished.effects()
     if not effects:
-        return found
-    names = {one.name for one in too_large(found, maps, _explained(found, effects))}
-    if any(term.status is Status.CONFIRMED for term in found.findings.terms):
-        names &= _beyond_setups(found, maps, _explained(found, effects))
-    channels = [c for c, name in enumerate(found.residuals.rows.channels) if name in names]
+        return finished
+    names = {item.name for item in too_large(finished, maps, _explained(finished, effects))}
+    if any(term.status is Status.CONFIRMED for term in finished.findings.terms):
+        names &= _beyond_setups(finished, maps, _explained(finished, effects))
+    channels = [c for c, name in enumerate(finished.residuals.rows.channels) if name in names]
     if not channels:
-        return found
-    left = tuple(Unexplained(FAR_OFF, c, None) for c in channels)
+        return finished
+    far_off = tuple(Unexplained(FAR_OFF, c, None) for c in channels)
     findings = replace(
-        found.findings,
+        finished.findings,
         verdict=Verdict.UNEXPLAINED,
-        unexplained=tuple(dict.fromkeys((*found.findings.unexplained, *left))),
+        unexplained=tuple(dict.fromkeys((*finished.findings.unexplained, *far_off))),
     )
-    return replace(found, findings=findings)
+    return replace(finished, findings=findings)
 
 
-def not_judged(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+def not_judged(finished: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
     """List the channels of few set-ups that are larger than the noise, and than set-ups scatter.
 
     With eight set-ups in all the other channels say how set-ups scatter.
     """
-    large = too_large(found, maps)
-    if large and np.unique(found.rows.visit[found.use]).size >= FEWEST_BLOCKS:
-        beyond = _beyond_setups(found, maps, np.zeros(len(found.use)))
-        large = [one for one in large if one.name in beyond]
+    large = too_large(finished, maps)
+    if large and np.unique(finished.rows.visit[finished.use]).size >= FEWEST_BLOCKS:
+        beyond = _beyond_setups(finished, maps, np.zeros(len(finished.use)))
+        large = [item for item in large if item.name in beyond]
     return large
 
 
-def judged_channels(found: FinishedSearch) -> list[str]:
+def judged_channels(finished: FinishedSearch) -> list[str]:
     """Name the channels that were measured in enough set-ups to be judged by themselves."""
-    rows = found.rows
+    rows = finished.rows
     return [
-        found.residuals.rows.channels[c]
-        for c in sorted(found.findings.noise)
-        if np.unique(rows.visit[found.use & (rows.channel == c)]).size >= FEWEST_BLOCKS
+        finished.residuals.rows.channels[c]
+        for c in sorted(finished.findings.noise)
+        if np.unique(rows.visit[finished.use & (rows.channel == c)]).size >= FEWEST_BLOCKS
     ]
 
 
-def stays_large(found: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+def stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
     """List the channels of few set-ups that effects leave larger than the noise."""
-    return too_large(found, maps, _explained(found, found.effects()))
+    return too_large(finished, maps, _explained(finished, finished.effects()))
 
 
-def _explained(found: FinishedSearch, effects: Sequence[Effect]) -> FloatArray:
-    zero: FloatArray = np.zeros(len(found.use))
-    return sum((found.explained(e) for e in effects), zero)
+def _explained(finished: FinishedSearch, effects: Sequence[Effect]) -> FloatArray:
+    zero: FloatArray = np.zeros(len(finished.use))
+    return sum((finished.explained(e) for e in effects), zero)
 
 
 def _beyond_setups(
-    found: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray
+    finished: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray
 ) -> set[str]:
     """Name the channels of few set-ups that are larger than set-ups scatter in the others.
 
     By chance any is named in one campaign of a hundred: how well a channel's own repeatability
     is known counts, as two values of one set-up say little of it.
     """
-    rows, channels = found.rows, found.residuals.rows.channels
-    values = without_zeros(found.zeros, np.where(found.use, rows.values - explained, np.nan))
-    setup = _variance_of_setups(found)
+    rows, channels = finished.rows, finished.residuals.rows.channels
+    values = without_zeros(finished.zeros, np.where(finished.use, rows.values - explained, np.nan))
+    setup = _variance_of_setups(finished)
     few = {
-        c: own
-        for c in found.findings.noise
-        if (own := np.flatnonzero(found.use & (rows.channel == c))).size
-        and np.unique(rows.visit[own]).size < FEWEST_BLOCKS
+        c: rows_of_channel
+        for c in finished.findings.noise
+        if (rows_of_channel := np.flatnonzero(finished.use & (rows.channel == c))).size
+        and np.unique(rows.visit[rows_of_channel]).size < FEWEST_BLOCKS
     }
     of_maps, named = _of_maps(len(values), maps), set()
-    scatters = _scatters(found, values, of_maps)
-    for c, own in few.items():
-        scatter, visit = scatters[c], rows.visit[own]
+    scatters = _scatters(finished, values, of_maps)
+    for c, rows_of_channel in few.items():
+        scatter, visit = scatters[c], rows.visit[rows_of_channel]
         setups = np.unique(visit)
         if not scatter.freedom:
             named.add(channels[c])
             continue
         zeroed = np.mean([rows.datum.get((int(v), c)) is Datum.FIRST for v in visit])
         p = surprise_of_squares(
-            float(np.sum(values[own] ** 2)),
+            float(np.sum(values[rows_of_channel] ** 2)),
             float(scatter.value**2 * (1.0 + zeroed)),
             scatter.freedom,
             (visit[:, None] == setups) * float(np.sqrt(setup / (1.0 + zeroed))),
-            _columns(maps, c, own),
-            len(own),
+            _columns(maps, c, rows_of_channel),
+            len(rows_of_channel),
         )
         if p * len(few) < BY_CHANCE:
             named.add(channels[c])
     return named
 
 
-def tells_scatter(found: FinishedSearch, channel: int) -> bool:
+def tells_scatter(finished: FinishedSearch, channel: int) -> bool:
     """Whether anything is known of how far one observation of a channel scatters."""
-    setups = np.unique(found.rows.visit[found.use & (found.rows.channel == channel)]).size
-    return setups >= FEWEST_SETUPS or not _is_without_scatter(found, channel)
+    setups = np.unique(finished.rows.visit[finished.use & (finished.rows.channel == channel)]).size
+    return setups >= FEWEST_SETUPS or not _is_without_scatter(finished, channel)
 
 
-def _is_without_scatter(found: FinishedSearch, channel: int) -> bool:
+def _is_without_scatter(finished: FinishedSearch, channel: int) -> bool:
     """Whether observations show nothing of their own scatter, and nothing is stated of it."""
-    return found.findings.noise[channel].origin == "residuals" and not shows_scatter(
-        found.rows, channel, found.use
+    return finished.findings.noise[channel].origin == "residuals" and not shows_scatter(
+        finished.rows, channel, finished.use
     )
 
 
 def _scatters(
-    found: FinishedSearch, values: FloatArray, of_maps: FloatArray
+    finished: FinishedSearch, values: FloatArray, of_maps: FloatArray
 ) -> dict[int, _RowScatter]:
     """Say how far one observation of each channel scatters.
 
@@ -209,20 +209,22 @@ def _scatters(
     of_maps : ndarray, shape (n,)
         The variance that the maps' uncertainty leaves in each row.
     """
-    rows, shown, times = found.rows, {}, []
-    own = {c: np.flatnonzero(found.use & (rows.channel == c)) for c in found.findings.noise}
-    own = {c: numbers for c, numbers in own.items() if numbers.size}
-    for c, numbers in own.items():
-        noise = found.findings.noise[c]
-        if _is_without_scatter(found, c):
+    rows, scatters, times = finished.rows, {}, []
+    rows_of_channel = {
+        c: np.flatnonzero(finished.use & (rows.channel == c)) for c in finished.findings.noise
+    }
+    rows_of_channel = {c: numbers for c, numbers in rows_of_channel.items() if numbers.size}
+    for c, numbers in rows_of_channel.items():
+        noise = finished.findings.noise[c]
+        if _is_without_scatter(finished, c):
             continue
-        known = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
+        declared = DECLARED_WEIGHT if noise.origin in KNOWN else 0.0
         spare = len(numbers) - np.unique(rows.visit[numbers]).size
-        shown[c] = _RowScatter(noise.fitted, max(known + spare, 1.0), is_shown=True)
+        scatters[c] = _RowScatter(noise.fitted, max(declared + spare, 1.0), is_shown=True)
         if (uncertain := float(np.mean(of_maps[numbers]))) > 0.0:
             times.append(noise.fitted / np.sqrt(uncertain))
-    for c in own.keys() - shown.keys():
-        numbers = own[c]
+    for c in rows_of_channel.keys() - scatters.keys():
+        numbers = rows_of_channel[c]
         if np.unique(rows.visit[numbers]).size >= FEWEST_SETUPS:
             size, freedom = float(np.std(values[numbers], ddof=1)), float(len(numbers) - 1)
         elif times:
@@ -230,30 +232,30 @@ def _scatters(
             freedom = ESTIMATED_WEIGHT
         else:
             size, freedom = 0.0, 0.0
-        shown[c] = _RowScatter(size, freedom, is_shown=False)
-    return shown
+        scatters[c] = _RowScatter(size, freedom, is_shown=False)
+    return scatters
 
 
-def _variance_of_setups(found: FinishedSearch) -> float:
+def _variance_of_setups(finished: FinishedSearch) -> float:
     """Give how set-ups scatter in the middle one of the channels, over the observations' variance.
 
     0 where fewer set-ups than tell that were made in all.
     """
-    if np.unique(found.rows.visit[found.use]).size < FEWEST_BLOCKS:
+    if np.unique(finished.rows.visit[finished.use]).size < FEWEST_BLOCKS:
         return 0.0
-    floors = [held.floor for held in found.findings.held_out.values()]
-    shares = [(own.setups / own.noise) ** 2 if own.noise > 0.0 else 0.0 for own in floors]
+    floors = [judged.floor for judged in finished.findings.held_out.values()]
+    shares = [(floor.setups / floor.noise) ** 2 if floor.noise > 0.0 else 0.0 for floor in floors]
     return float(np.median(shares)) if shares else 0.0
 
 
-def _columns(maps: Sequence[Nuisance], channel: int, own: IntArray) -> FloatArray:
+def _columns(maps: Sequence[Nuisance], channel: int, rows: IntArray) -> FloatArray:
     """Lay out what one standard error of each way in which the maps may be wrong does, (m, p)."""
-    parts = [one.at(own) for one in maps if one.channel == channel]
-    return np.hstack([np.zeros((len(own), 0)), *parts])
+    parts = [entries.at(rows) for entries in maps if entries.channel == channel]
+    return np.hstack([np.zeros((len(rows), 0)), *parts])
 
 
 def too_large(
-    found: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray | float = 0.0
+    finished: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray | float = 0.0
 ) -> list[TooLarge]:
     """List the channels of few set-ups whose residuals are larger than the noise.
 
@@ -272,33 +274,33 @@ def too_large(
     list of TooLarge
         The one that exceeds most first.
     """
-    rows, use = found.rows, found.use
-    values = without_zeros(found.zeros, np.where(use, rows.values - explained, np.nan))
+    rows, use = finished.rows, finished.use
+    values = without_zeros(finished.zeros, np.where(use, rows.values - explained, np.nan))
     variance = _of_maps(len(values), maps)
     large = []
-    for channel, scatter in _scatters(found, values, variance).items():
-        own = use & (rows.channel == channel)
-        setups = np.unique(rows.visit[own]).size
+    for channel, scatter in _scatters(finished, values, variance).items():
+        of_channel = use & (rows.channel == channel)
+        setups = np.unique(rows.visit[of_channel]).size
         if setups >= FEWEST_BLOCKS:
             continue
-        size = rms(values[own])
+        size = rms(values[of_channel])
         # Counted from a first observation, all of them have its noise too.
         zeroed = np.mean(
-            [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[own]]
+            [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[of_channel]]
         )
-        expected = float(np.sqrt(scatter.value**2 * (1.0 + zeroed) + np.mean(variance[own])))
+        expected = float(np.sqrt(scatter.value**2 * (1.0 + zeroed) + np.mean(variance[of_channel])))
         if size > LARGER * expected:
-            name = found.residuals.rows.channels[channel]
-            unknown = 0 if scatter.is_shown else int(own.sum())
+            name = finished.residuals.rows.channels[channel]
+            unknown = 0 if scatter.is_shown else int(of_channel.sum())
             unit = channel_unit(name).symbol
             large.append(TooLarge(name, size, expected, unit, setups, unknown))
-    return sorted(large, key=lambda one: -one.rms / max(one.expected, np.finfo(float).tiny))
+    return sorted(large, key=lambda item: -item.rms / max(item.expected, np.finfo(float).tiny))
 
 
 def withhold(
     answer: Analysis,
     large: Sequence[TooLarge],
-    left: Sequence[TooLarge],
+    remaining: Sequence[TooLarge],
     judged: Sequence[str] = (),
 ) -> Analysis:
     """Say of what few set-ups do not tell, and `not-judged` where nothing else was found.
@@ -307,27 +309,28 @@ def withhold(
     ----------
     judged
         Channels of enough set-ups.
-    large, left
+    large, remaining
         Channels of few set-ups that are larger than the noise, and those that are so beside
         what was found.
     """
     parts = [test for part in answer.unexplained for test in part.tests]
     is_open = answer.verdict == "unexplained" and set(parts) <= {FAR_OFF}
-    if answer.effects and answer.verdict == "effects-found" and left:
+    if answer.effects and answer.verdict == "effects-found" and remaining:
         return replace(
             answer,
             summary=(
                 f"{answer.summary} Nothing more can be said about "
-                f"{list_names([one.name for one in left], 4)}: {_told(left)}. {FEW}"
+                f"{list_names([channel.name for channel in remaining], 4)}: "
+                f"{_size_words(remaining)}. {FEW}"
             ),
-            what_next=(*answer.what_next, _again(left)),
+            what_next=(*answer.what_next, _again(remaining)),
         )
     if not large or answer.effects or not (answer.verdict == "nothing-found" or is_open):
         return answer
     return replace(
         answer,
         verdict="not-judged",
-        summary=f"{_what_can_be_said(large, judged)}: {_told(large)}. {FEW}",
+        summary=f"{_what_can_be_said(large, judged)}: {_size_words(large)}. {FEW}",
         what_next=(_again(large), *answer.what_next),
     )
 
@@ -338,19 +341,20 @@ def _what_can_be_said(large: Sequence[TooLarge], judged: Sequence[str]) -> str:
     where = list_names(judged, MOST_NAMED)
     return (
         f"Nothing was found that the model lacks in {where}; nothing can be said about "
-        f"{list_names([one.name for one in large], MOST_NAMED)}"
+        f"{list_names([channel.name for channel in large], MOST_NAMED)}"
     )
 
 
-def _told(large: Sequence[TooLarge]) -> str:
+def _size_words(large: Sequence[TooLarge]) -> str:
     others = "" if len(large) == 1 else f", and {counted(len(large) - 1, 'other')} as well"
     return large[0].sentence + others
 
 
 def _again(large: Sequence[TooLarge]) -> str:
-    twice = any(one.unknown_scatter_of for one in large)
+    twice = any(channel.unknown_scatter_of for channel in large)
     return (
-        f"Measure {list_names([one.name for one in large], 4)} again in at least {FEWEST_BLOCKS} "
+        f"Measure {list_names([channel.name for channel in large], 4)} again in at least "
+        f"{FEWEST_BLOCKS} "
         "set-ups at different temperatures, mounting the instrument afresh each time"
         f"{' and each place twice' if twice else ''}."
     )
@@ -358,7 +362,7 @@ def _again(large: Sequence[TooLarge]) -> str:
 
 def _of_maps(count: int, maps: Sequence[Nuisance]) -> FloatArray:
     """Give the variance that the maps' uncertainty leaves in each row, shape (n,)."""
-    found = np.zeros(count)
-    for one in maps:
-        found[one.rows] += np.sum(one.columns**2, axis=1)
-    return found
+    variances = np.zeros(count)
+    for entries in maps:
+        variances[entries.rows] += np.sum(entries.columns**2, axis=1)
+    return variances

@@ -75,18 +75,18 @@ def reading_faults(campaign: Campaign) -> ReadingFaults:
         readings.times_s,
         {n: np.where(spikes[n], np.nan, t) for n, t in readings.temperatures_c.items()},
     )
-    found = []
+    faults = []
     for sensor in readings.temperatures_c:
         if int(spikes[sensor].sum()) >= OFTEN:
             effect, words = _spiking(campaign, sensor, spikes[sensor], cleaned)
             if effect.parameters["share"] >= OFTEN_SHARE:
-                found.append((effect, words))
-        found.extend(_stuck(campaign, sensor, cleaned))
-    found = [one for one in found if not _is_known(one[0], campaign.effects)]
+                faults.append((effect, words))
+        faults.extend(_stuck(campaign, sensor, cleaned))
+    faults = [fault for fault in faults if not _is_known(fault[0], campaign.effects)]
     return ReadingFaults(
         replace(campaign, readings=cleaned),
-        tuple(effect for effect, _ in found),
-        tuple(words for _, words in found),
+        tuple(effect for effect, _ in faults),
+        tuple(words for _, words in faults),
     )
 
 
@@ -94,10 +94,10 @@ def _is_known(effect: Effect, adopted: Sequence[Effect]) -> bool:
     """Whether an adopted effect tells of the same sensor and at least partly the same time."""
     begin_s, end_s = _episode(effect)
     return any(
-        (one.kind, one.variant, one.sensors) == (effect.kind, effect.variant, effect.sensors)
-        and _episode(one)[0] <= end_s
-        and begin_s <= _episode(one)[1]
-        for one in adopted
+        (other.kind, other.variant, other.sensors) == (effect.kind, effect.variant, effect.sensors)
+        and _episode(other)[0] <= end_s
+        and begin_s <= _episode(other)[1]
+        for other in adopted
     )
 
 
@@ -118,41 +118,41 @@ def spike_rows(campaign: Campaign, sensor: str) -> BoolArray:
         One for each time of the record.
     """
     values = campaign.readings.temperatures_c[sensor].copy()
-    found = np.zeros(values.shape, dtype=np.bool_)
+    spikes = np.zeros(values.shape, dtype=np.bool_)
     resolution_c = campaign.model.machine.sensor(sensor).resolution_c
     for _ in range(PASSES):
         # Several spikes in a row are seen when the first of them are gone.
         far = _far(values, resolution_c)
-        found |= far
+        spikes |= far
         values[far] = np.nan
-    return found
+    return spikes
 
 
 def _far(values: FloatArray, resolution_c: float) -> BoolArray:
-    found = np.zeros(values.shape, dtype=np.bool_)
-    known = np.flatnonzero(~np.isnan(values))
-    if known.size < WINDOW:
-        return found
-    middle = median_filter(values[known], size=WINDOW, mode="nearest")
-    away = values[known] - middle
+    spikes = np.zeros(values.shape, dtype=np.bool_)
+    present = np.flatnonzero(~np.isnan(values))
+    if present.size < WINDOW:
+        return spikes
+    middle = median_filter(values[present], size=WINDOW, mode="nearest")
+    away = values[present] - middle
     usual = robust_sd(away)
     # Where heating begins or ends, a true reading lies one step from its neighbours' median.
     step_c = float(np.quantile(np.abs(np.diff(middle)), FASTEST))
     # What a coarse sensor reads near the middle between two of its steps changes by one of them.
-    coarse_c = COARSE_STEPS * reading_step_k(values[known])
+    coarse_c = COARSE_STEPS * reading_step_k(values[present])
     far = np.abs(away) > max(
         CLEARLY * resolution_c, SPIKE_FROM * usual, FAST_STEPS * step_c, coarse_c
     )
     if far.mean() < RARE:
-        found[known[far]] = True
-    return found
+        spikes[present[far]] = True
+    return spikes
 
 
 def _spiking(
     campaign: Campaign, sensor: str, spikes: BoolArray, cleaned: TemperatureHistory
 ) -> tuple[Effect, str]:
     times_s = campaign.readings.times_s
-    known_s, known_c = cleaned.known(sensor)
+    known_s, known_c = cleaned.series(sensor)
     away = campaign.readings.temperatures_c[sensor][spikes] - np.interp(
         times_s[spikes], known_s, known_c
     )
@@ -175,16 +175,16 @@ def _stuck(
     campaign: Campaign, sensor: str, cleaned: TemperatureHistory
 ) -> Sequence[tuple[Effect, str]]:
     machine = campaign.model.machine
-    times_s, values = cleaned.known(sensor)
-    own = machine.sensor(sensor)
-    verdicts = judge_record(machine, own, cleaned)
+    times_s, values = cleaned.series(sensor)
+    declared = machine.sensor(sensor)
+    verdicts = judge_record(machine, declared, cleaned)
     still = np.array([v is Health.STUCK for v in verdicts])
     if not still.any():
         return []
     # A run is as long as the value was the same, from before it could be called stuck.
     same = np.concatenate([[0], np.cumsum(np.diff(values) != 0)])
     runs = [np.flatnonzero(same == number) for number in np.unique(same[still])]
-    runs = [run for run in runs if not goes_on(own, times_s, values, int(run[-1]))]
+    runs = [run for run in runs if not goes_on(declared, times_s, values, int(run[-1]))]
     if not runs:
         return []
     longest = max(runs, key=lambda run: float(times_s[run[-1]] - times_s[run[0]]))

@@ -68,18 +68,18 @@ class AdoptedBefore:
         if not self.anew:
             return None
         of_key = {candidate.key: candidate for candidate in candidates}
-        terms = [KnownTerm(of_key[one.hypothesis.key], one.theta) for one in self.anew]
+        terms = [KnownTerm(of_key[refit.hypothesis.key], refit.theta) for refit in self.anew]
         return Known(terms, self.explained)
 
     def staying(self, why: str) -> AdoptedBefore:
         """Leave those that could be fitted anew as they are, for a reason."""
-        stay = ((one.effect, why) for one in self.anew)
+        stay = ((refit.effect, why) for refit in self.anew)
         return AdoptedBefore((), (*self.left, *stay), np.zeros_like(self.explained))
 
     def beside(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """List what may be looked for where they stay: they themselves would count twice."""
-        own = {one.hypothesis.key for one in self.anew}
-        return [candidate for candidate in candidates if candidate.key not in own]
+        keys = {refit.hypothesis.key for refit in self.anew}
+        return [candidate for candidate in candidates if candidate.key not in keys]
 
 
 def adopted_before(
@@ -96,7 +96,7 @@ def adopted_before(
         The rows that take part.
     """
     anew: list[Adopted] = []
-    left: list[tuple[Effect, str]] = []
+    staying: list[tuple[Effect, str]] = []
     for number, effect in enumerate(campaign.effects):
         if effect.kind == Response.kind or effect.adds_nothing:
             continue
@@ -106,15 +106,15 @@ def adopted_before(
         if not why and hypothesis is not None:
             why = "" if projection.parts(hypothesis.unit_terms(theta)) else NOT_SHOWN
         if why or hypothesis is None:
-            left.append((effect, why))
+            staying.append((effect, why))
         else:
             anew.append(Adopted(number, effect, hypothesis, theta))
-    rest = [e for i, e in enumerate(campaign.effects) if i not in {one.number for one in anew}]
+    rest = [e for i, e in enumerate(campaign.effects) if i not in {refit.number for refit in anew}]
     explained = np.zeros(len(projection.rows))
     if anew:
         whole, others = (contributions(projection, part) for part in (campaign.effects, rest))
         explained = whole.errors - others.errors
-    return AdoptedBefore(tuple(anew), tuple(left), explained)
+    return AdoptedBefore(tuple(anew), tuple(staying), explained)
 
 
 def _why_left(campaign: Campaign, effect: Effect, hypothesis: Hypothesis | None) -> str:
@@ -132,7 +132,7 @@ def _why_left(campaign: Campaign, effect: Effect, hypothesis: Hypothesis | None)
 
 
 def refitted_effects(
-    found: FinishedSearch,
+    finished: FinishedSearch,
     before: AdoptedBefore,
     refitted: Sequence[FoundTerm],
     *,
@@ -148,35 +148,36 @@ def refitted_effects(
         Whether they stay as they were, because set-ups held out would get worse.
     """
     now = {term.origin: term for term in refitted}
-    described = [_left(effect, why) for effect, why in before.left]
-    for number, one in enumerate(before.anew):
+    described = [_staying_effect(effect, why) for effect, why in before.left]
+    for number, adopted in enumerate(before.anew):
         term = now.get(number)
         if is_refused:
-            described.append(_left(one.effect, BESIDE_OTHERS))
+            described.append(_staying_effect(adopted.effect, BESIDE_OTHERS))
         elif term is None:
             described.append(
                 RefittedEffect(
-                    effect=one.effect,
+                    effect=adopted.effect,
                     becomes=None,
                     outcome="dropped",
                     is_changed=True,
                     explanation=(
-                        f"{_named(one.effect)} is dropped: with the other effects beside it, it "
-                        f"is no longer worth its place ({explain(one.effect)})"
+                        f"{_named(adopted.effect)} is dropped: with the other effects beside it, "
+                        "it "
+                        f"is no longer worth its place ({explain(adopted.effect)})"
                     ),
                 )
             )
         else:
-            anew = replace(found.effect_of(term), provenance=one.effect.provenance)
-            was, becomes = explain(one.effect), explain(anew)
-            told = f"{was} → {becomes}" if was != becomes else f"it stays as it was ({becomes})"
+            anew = replace(finished.effect_of(term), provenance=adopted.effect.provenance)
+            was, becomes = explain(adopted.effect), explain(anew)
+            outcome = f"{was} → {becomes}" if was != becomes else f"it stays as it was ({becomes})"
             described.append(
                 RefittedEffect(
-                    effect=one.effect,
+                    effect=adopted.effect,
                     becomes=anew,
                     outcome="refitted",
-                    is_changed=_is_changed(one, anew),
-                    explanation=f"{_named(one.effect)} refitted: {told}",
+                    is_changed=_is_changed(adopted, anew),
+                    explanation=f"{_named(adopted.effect)} refitted: {outcome}",
                 )
             )
     return tuple(described)
@@ -194,15 +195,15 @@ def effects_after(
     """
     after: list[Effect] = []
     for effect in model:
-        said = next((r for r in refitted if r.effect == effect and r.outcome != "left"), None)
-        if said is None:
+        refit = next((r for r in refitted if r.effect == effect and r.outcome != "left"), None)
+        if refit is None:
             after.append(effect)
-        elif said.becomes is not None:
-            after.append(said.becomes)
+        elif refit.becomes is not None:
+            after.append(refit.becomes)
     return [*after, *new]
 
 
-def _left(effect: Effect, why: str) -> RefittedEffect:
+def _staying_effect(effect: Effect, why: str) -> RefittedEffect:
     return RefittedEffect(
         effect=effect,
         becomes=None,
@@ -216,11 +217,12 @@ def _named(effect: Effect) -> str:
     return f"{effect.kind} of {list_names(effect.components, 3)}"
 
 
-def _is_changed(one: Adopted, anew: Effect) -> bool:
+def _is_changed(adopted: Adopted, anew: Effect) -> bool:
     """Whether an effect has moved by more than what its parameters are unsure by."""
     moved = [
-        ((value - one.effect.parameters[name]) / error) ** 2
+        ((value - adopted.effect.parameters[name]) / error) ** 2
         for name, value in anew.parameters.items()
-        if name in one.effect.parameters and (error := anew.standard_errors.get(name, 0.0)) > 0.0
+        if name in adopted.effect.parameters
+        and (error := anew.standard_errors.get(name, 0.0)) > 0.0
     ]
     return bool(moved) and bool(chi2.sf(sum(moved), len(moved)) < CHANGED)

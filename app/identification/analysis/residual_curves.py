@@ -64,7 +64,7 @@ def residual_curves(report: ResidualReport) -> list[ComponentCurves]:
         ComponentCurves(
             size.component,
             tuple(
-                _shown(curve)
+                _plotted(curve)
                 for curve in curves_along(
                     report.residuals,
                     report.values,
@@ -78,7 +78,7 @@ def residual_curves(report: ResidualReport) -> list[ComponentCurves]:
     ]
 
 
-def _shown(curve: Curve) -> ResidualCurve:
+def _plotted(curve: Curve) -> ResidualCurve:
     is_shown = curve.values.size <= MOST_SINGLE
     over = curve.summary.over
     if not is_shown:

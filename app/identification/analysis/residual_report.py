@@ -167,17 +167,25 @@ def component_sizes(
         Their residuals, and by how much noise alone scatters each.
     """
     everything: BoolArray = np.ones(len(values), dtype=np.bool_)
-    found = []
+    sizes = []
     for number, name in enumerate(residuals.rows.channels):
-        own = rows.channel == number
-        if own.any():
+        of_channel = rows.channel == number
+        if of_channel.any():
             noise = repeatability(rows, number, everything)
             unit = channel_unit(name).symbol
-            zero = zero_of(zeros, own)
-            found.append(
-                _size(name, unit, values[own], scatter[own], noise.value, noise.origin, zero)
+            zero = zero_of(zeros, of_channel)
+            sizes.append(
+                _size(
+                    name,
+                    unit,
+                    values[of_channel],
+                    scatter[of_channel],
+                    noise.value,
+                    noise.origin,
+                    zero,
+                )
             )
-    return found
+    return sizes
 
 
 def _size(

@@ -83,7 +83,7 @@ class Judged:
         Of those without a zero of their own uncompensated values are of another time.
         """
         raw, before, after = self.each
-        is_zeroed = np.array([one.is_zeroed for one in self.rows.set_ups])
+        is_zeroed = np.array([set_up.is_zeroed for set_up in self.rows.set_ups])
         least = np.where(is_zeroed, np.minimum(raw, before), before)
         may_lose = np.maximum(WORSE_SHARE * least, FORETOLD * self.foretold)
         return np.flatnonzero(after - least > may_lose)
@@ -101,7 +101,9 @@ class Judged:
         what one set-up did.
         """
         ups = self.rows.set_ups
-        record = [-1 - i if one.record is None else one.record for i, one in enumerate(ups)]
+        record = [
+            -1 - i if set_up.record is None else set_up.record for i, set_up in enumerate(ups)
+        ]
         of = np.unique(record, return_inverse=True)[1]
         count = np.array([v.size for v in self.before])
         _, before, after = self.each
@@ -148,13 +150,13 @@ class Judged:
             sizes[group.name] = sizes.get(group.name, np.zeros(part.shape)) + part
         total = rms(sum(sizes.values(), np.zeros(len(response.of)))) or 1.0
         states = {c.name for c in self.rows.columns if c.is_of_state}
-        said = []
+        causes = []
         for name, part in sorted(sizes.items(), key=lambda item: -rms(item[1])):
             takes_part = rms(part) > TAKES_PART * total
             symbol = COMPONENTS[self.rows.code].unit.symbol
             amount = f"{rms(part):.2g} {symbol} (root mean square)" if takes_part else "not needed"
-            said.append(Cause("kind", (name,) if name in states else (), f"{name}: {amount}"))
-        return tuple(said)
+            causes.append(Cause("kind", (name,) if name in states else (), f"{name}: {amount}"))
+        return tuple(causes)
 
 
 def _chance(before: FloatArray, after: FloatArray) -> float:
@@ -172,17 +174,17 @@ def judge(rows: ResponseRows) -> Judged:
     fitted = learn_response(rows.response)
     uncompensated, before, after, foretold = [], [], [], []
     for i, held_out in enumerate(rows.set_ups):
-        reach = rows.reach([one for j, one in enumerate(rows.set_ups) if j != i])
+        reach = rows.reach([set_up for j, set_up in enumerate(rows.set_ups) if j != i])
         values = reach.held(held_out.found)
         learnt = fitted.predict(np.nan_to_num(values), held_out.began_s, without=i)
         expected = reach.expected(held_out.found, values, learnt, fitted.scales.noise)
         # Where the record is too long, a live table is left as it is.
         corrected = np.where(np.isnan(values).any(axis=1), 0.0, expected.corrected)
         first = 1 if held_out.is_zeroed else 0
-        left = held_out.from_zero(held_out.values - corrected)
+        residuals = held_out.from_zero(held_out.values - corrected)
         uncompensated.append(held_out.from_zero(held_out.measured)[first:])
         before.append(held_out.from_zero(held_out.values)[first:])
-        after.append(left[first:])
+        after.append(residuals[first:])
         variance = expected.learnt**2 + expected.wander**2 + fitted.scales.noise.white**2
         foretold.append(float(np.sqrt(np.mean(variance))))
     return Judged(rows, fitted, uncompensated, before, after, np.array(foretold))

@@ -36,7 +36,7 @@ from app.search.response import Course, Fitted, Group, Response
 from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
 
-KNOWN: Final = 0.95
+PRESENT_SHARE: Final = 0.95
 """A signal takes part if it is known in so much of the rows."""
 
 SHORTEST_MIN: Final = 60.0
@@ -138,13 +138,13 @@ class SetUp:
     def thinned(self, most: int) -> SetUp:
         """Keep at most so many rows, evenly spread, the first among them."""
         n = len(self.times_s)
-        kept = np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(np.intp))
+        chosen = np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(np.intp))
         return replace(
             self,
-            times_s=self.times_s[kept],
-            values=self.values[kept],
-            measured=self.measured[kept],
-            found=Columns(self.found.values[kept], self.found.age_s[kept]),
+            times_s=self.times_s[chosen],
+            values=self.values[chosen],
+            measured=self.measured[chosen],
+            found=Columns(self.found.values[chosen], self.found.age_s[chosen]),
         )
 
     def from_zero(self, values: FloatArray) -> FloatArray:
@@ -172,7 +172,7 @@ class ResponseRows:
         """The set-ups as they are learnt from."""
         total, most = LEARNT_ROWS
         each = int(np.clip(total // max(len(self.set_ups), 1), FEWEST_ROWS, most))
-        courses = [one.thinned(each + one.is_zeroed).course for one in self.set_ups]
+        courses = [set_up.thinned(each + set_up.is_zeroed).course for set_up in self.set_ups]
         expected = np.array([-MAPS_SHARE if c.form == MAPS else 0.0 for c in self.columns])
         return Response(courses, self._groups(courses), expected)
 
@@ -183,7 +183,7 @@ class ResponseRows:
 
     def reach(self, set_ups: Sequence[SetUp]) -> Reach:
         """Say where some set-ups have shown it."""
-        seen = [one.found for one in set_ups]
+        seen = [set_up.found for set_up in set_ups]
         return Reach.of(self.columns, seen, is_from_start=self.is_from_start)
 
     def driver(self, fitted: Fitted) -> Responding:
@@ -195,7 +195,7 @@ class ResponseRows:
         days_s = np.unique(fitted.response.days)
         follows_s = float(np.median(np.diff(days_s))) if days_s.size > 1 else np.inf
         means = [fitted.common(), *(fitted.coefficients(day) for day in days_s.tolist())]
-        longest_s = max(float(one.found.age_s.max()) for one in self.set_ups)
+        longest_s = max(float(set_up.found.age_s.max()) for set_up in self.set_ups)
         return Responding(
             columns=self.columns,
             references_c=self.zero.references_c,
@@ -240,7 +240,7 @@ class ResponseRows:
         }
         late = by_form[LATE]
         steady = lasting([c for c in late if c.minutes != QUICK_MIN])
-        found = [
+        groups = [
             Group(OF_SENSORS, steady, steady),
             Group(OF_SENSORS, passing(late), steady),
             Group(OF_STARTS, lasting(by_form[START]), steady),
@@ -249,13 +249,13 @@ class ResponseRows:
         for name in dict.fromkeys(c.name for c in by_form[STATE]):
             columns = [c for c in by_form[STATE] if c.name == name]
             quick = lasting([c for c in columns if c.minutes == QUICK_MIN])
-            found += [Group(name, quick, quick), Group(name, passing(columns), quick)]
+            groups += [Group(name, quick, quick), Group(name, passing(columns), quick)]
         for words, form in ((OF_TIME, TIME), (OF_ZERO, OFFSET)):
             directions = lasting(by_form[form])
-            found.append(Group(words, directions, directions))
+            groups.append(Group(words, directions, directions))
         maps = lasting(by_form[MAPS])
-        found.append(Group(OF_MAPS, maps, maps, MAPS_SHARE))
-        return [group for group in found if group.directions.shape[1]]
+        groups.append(Group(OF_MAPS, maps, maps, MAPS_SHARE))
+        return [group for group in groups if group.directions.shape[1]]
 
     def _sizes(self, columns: FloatArray) -> FloatArray:
         """Say how large each coefficient is expected beside its group's scale, shape (p,)."""
@@ -268,8 +268,8 @@ class ResponseRows:
         sizes = np.ones(len(self.columns))
         for i, column in enumerate(self.columns):
             if column.form in (LATE, START, LEVEL) and middle:
-                own = max(swing[column.name], LEAST_SWING * middle)
-                sizes[i] = (middle / own) ** SWING
+                column_swing = max(swing[column.name], LEAST_SWING * middle)
+                sizes[i] = (middle / column_swing) ** SWING
         return sizes
 
 
@@ -282,13 +282,20 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
         A component that was observed by itself.
     """
     rows = residuals.rows
-    own = rows.of_channel(code)
-    conditions = residuals.projection.conditions.take(own)
-    parts = [one for one in _parts(rows, own) if _is_course(rows.times_s[own[one.rows]])]
-    zeroed = [one.is_zeroed for one in parts]
-    lasts_min = [float(np.ptp(rows.times_s[own[one.rows]])) / SECONDS_PER_MIN for one in parts]
+    rows_of_code = rows.of_channel(code)
+    conditions = residuals.projection.conditions.take(rows_of_code)
+    parts = [
+        stretch
+        for stretch in _parts(rows, rows_of_code)
+        if _is_course(rows.times_s[rows_of_code[stretch.rows]])
+    ]
+    zeroed = [stretch.is_zeroed for stretch in parts]
+    lasts_min = [
+        float(np.ptp(rows.times_s[rows_of_code[stretch.rows]])) / SECONDS_PER_MIN
+        for stretch in parts
+    ]
     late_min = time_constants_min(float(np.median(lasts_min))) if parts else ()
-    sensors, states = _known(conditions, late_min) if late_min else ([], [])
+    sensors, states = _usable_signals(conditions, late_min) if late_min else ([], [])
     if not sensors:
         return ResponseRows(code, (), Zero(), ())
     model = residuals.projection.model.find(code)
@@ -308,30 +315,30 @@ def response_rows(residuals: Residuals, code: str) -> ResponseRows:
         zero = Zero(references_c, level_c, maps)
         return columns, zero, columns_at(columns, zero, conditions)
 
-    columns, zero, found = at(is_from_start=True)
-    starts_min = [found.age_s[one.rows[0]] / SECONDS_PER_MIN for one in parts]
+    columns, zero, columns_at_rows = at(is_from_start=True)
+    starts_min = [columns_at_rows.age_s[stretch.rows[0]] / SECONDS_PER_MIN for stretch in parts]
     if not all(
         p.is_zeroed and age <= AT_ONCE_MIN for p, age in zip(parts, starts_min, strict=True)
     ):
-        columns, zero, found = at(is_from_start=False)
-    values = residuals.values[own]
-    is_usable = np.isfinite(found.values).all(axis=1) & np.isfinite(found.age_s)
-    usable = [replace(one, rows=one.rows[is_usable[one.rows]]) for one in parts]
-    usable = [one for one in usable if _is_course(conditions.times_s[one.rows])]
+        columns, zero, columns_at_rows = at(is_from_start=False)
+    values = residuals.values[rows_of_code]
+    is_usable = np.isfinite(columns_at_rows.values).all(axis=1) & np.isfinite(columns_at_rows.age_s)
+    usable = [replace(stretch, rows=stretch.rows[is_usable[stretch.rows]]) for stretch in parts]
+    usable = [stretch for stretch in usable if _is_course(conditions.times_s[stretch.rows])]
     set_ups = []
-    for one in _cut(usable):
-        part = one.rows
+    for stretch in _cut(usable):
+        part = stretch.rows
         whole = SetUp(
-            rows.visit_label(int(rows.visit[own[part[0]]])),
+            rows.visit_label(int(rows.visit[rows_of_code[part[0]]])),
             conditions.times_s[part],
             values[part],
-            rows.measured[own[part]],
-            Columns(found.values[part], found.age_s[part]),
-            one.is_zeroed,
-            one.record,
+            rows.measured[rows_of_code[part]],
+            Columns(columns_at_rows.values[part], columns_at_rows.age_s[part]),
+            stretch.is_zeroed,
+            stretch.record,
         )
         set_ups.append(whole.thinned(MOST_ROWS))
-    set_ups.sort(key=lambda one: one.times_s[0])
+    set_ups.sort(key=lambda set_up: set_up.times_s[0])
     return ResponseRows(code, columns, zero, set_ups[-MOST_SET_UPS:])
 
 
@@ -344,31 +351,31 @@ class _Part:
     record: int | None = None
 
 
-def _parts(rows: ObservationRows, own: IntArray) -> list[_Part]:
+def _parts(rows: ObservationRows, rows_of_code: IntArray) -> list[_Part]:
     """Part a component's rows: each set-up with a zero of its own, and the records of all others.
 
     What was sent one by one, and has one zero, is one record as if it had been sent together.
     """
-    order = np.argsort(rows.times_s[own], kind="stable")
-    has_zero = rows.has_own_zero[own[order]]
-    visit = rows.visit[own[order]]
+    order = np.argsort(rows.times_s[rows_of_code], kind="stable")
+    has_zero = rows.has_own_zero[rows_of_code[order]]
+    visit = rows.visit[rows_of_code[order]]
     zeroed = [order[has_zero & (visit == which)] for which in np.unique(visit[has_zero])]
     together = order[~has_zero]
-    pauses = np.flatnonzero(np.diff(rows.times_s[own[together]]) > GAP_S) + 1
+    pauses = np.flatnonzero(np.diff(rows.times_s[rows_of_code[together]]) > GAP_S) + 1
     records = [part for part in np.split(together, pauses) if part.size]
     return [_Part(part, True) for part in zeroed] + [_Part(part, False) for part in records]
 
 
 def _cut(parts: Sequence[_Part]) -> list[_Part]:
     """Cut records without a zero of their own into stretches where there are too few of them."""
-    records = [one for one in parts if not one.is_zeroed]
+    records = [part for part in parts if not part.is_zeroed]
     if len(parts) >= FEWEST or not records:
         return list(parts)
-    found = [one for one in parts if one.is_zeroed]
-    for number, one in enumerate(records):
-        count = min(-(-STRETCHES // len(records)), len(one.rows) // FEWEST_ROWS)
-        found += [_Part(rows, False, number) for rows in np.array_split(one.rows, count)]
-    return found
+    pieces = [part for part in parts if part.is_zeroed]
+    for number, record in enumerate(records):
+        count = min(-(-STRETCHES // len(records)), len(record.rows) // FEWEST_ROWS)
+        pieces += [_Part(rows, False, number) for rows in np.array_split(record.rows, count)]
+    return pieces
 
 
 def _is_course(times_s: FloatArray) -> bool:
@@ -379,20 +386,24 @@ def _is_course(times_s: FloatArray) -> bool:
 def _maps(residuals: Residuals, code: str, sensor: str) -> tuple[Range, ...]:
     """Ask the maps at the place of a component's rows, over the temperatures that were seen."""
     view = residuals.projection.view(code)
-    known = view.conditions.temperature(sensor)
-    low, high = float(np.nanmin(known)), float(np.nanmax(known))
+    temperatures_c = view.conditions.temperature(sensor)
+    low, high = float(np.nanmin(temperatures_c)), float(np.nanmax(temperatures_c))
     by = BEYOND * (high - low)
-    asked = np.linspace(low - by, high + by, MAP_STEPS)
-    place = np.full(asked.shape, float(view.places.positions_mm[0]))
-    found = predict_component(
-        residuals.projection.model, code, {sensor: asked}, place, np.zeros(asked.shape)
+    nodes_c = np.linspace(low - by, high + by, MAP_STEPS)
+    place = np.full(nodes_c.shape, float(view.places.positions_mm[0]))
+    prediction = predict_component(
+        residuals.projection.model, code, {sensor: nodes_c}, place, np.zeros(nodes_c.shape)
     )
-    said = np.isfinite(found.values)  # beyond them the machine's policy may allow nothing
-    here_c, errors = (to_significant(one[said], DIGITS) for one in (asked, found.values))
+    predicted = np.isfinite(prediction.values)  # beyond them the machine's policy may allow nothing
+    here_c, errors = (
+        to_significant(array[predicted], DIGITS) for array in (nodes_c, prediction.values)
+    )
     return tuple(zip(here_c, errors, strict=True))
 
 
-def _known(conditions: Conditions, late_min: Sequence[float]) -> tuple[list[str], list[str]]:
+def _usable_signals(
+    conditions: Conditions, late_min: Sequence[float]
+) -> tuple[list[str], list[str]]:
     """Name the sensors and the states of which the record is known, and that changed."""
     sensors = [
         name
@@ -416,14 +427,14 @@ def unrecorded_states(conditions: Conditions) -> list[str]:
     return [
         name
         for name, values in conditions.states.items()
-        if np.isfinite(values).mean() >= KNOWN
+        if np.isfinite(values).mean() >= PRESENT_SHARE
         and not _is_recorded(Signal("state", name), QUICK_MIN, conditions)
     ]
 
 
 def _varies(values: FloatArray) -> bool:
-    known = values[np.isfinite(values)]
-    return bool(known.size >= KNOWN * values.size and np.ptp(known) > 0.0)
+    finite = values[np.isfinite(values)]
+    return bool(finite.size >= PRESENT_SHARE * values.size and np.ptp(finite) > 0.0)
 
 
 def _late(signal: Signal, minutes: float, conditions: Conditions) -> FloatArray:
@@ -431,7 +442,7 @@ def _late(signal: Signal, minutes: float, conditions: Conditions) -> FloatArray:
 
 
 def _is_recorded(signal: Signal, minutes: float, conditions: Conditions) -> bool:
-    return bool(np.isfinite(_late(signal, minutes, conditions)).mean() >= KNOWN)
+    return bool(np.isfinite(_late(signal, minutes, conditions)).mean() >= PRESENT_SHARE)
 
 
 def _references_c(columns: Sequence[Column], conditions: Conditions) -> tuple[float, ...]:

@@ -125,7 +125,7 @@ class Responses:
 
 
 def find_responses(
-    campaign: Campaign, progress: Progress | None = None, known: Residuals | None = None
+    campaign: Campaign, progress: Progress | None = None, shared: Residuals | None = None
 ) -> Responses:
     """Learn and judge a response of every component that was observed by itself.
 
@@ -133,11 +133,11 @@ def find_responses(
     ----------
     progress
         Called with the share done and what is being done.
-    known
+    shared
         Its residuals by the temperatures that were read, where they have been computed.
     """
     plain = [e for e in campaign.effects if e.kind != Response.kind]
-    residuals = known
+    residuals = shared
     if residuals is None or len(plain) < len(campaign.effects):
         residuals = residuals_of(replace(campaign, effects=plain))
     offered, refused = [], []
@@ -145,11 +145,11 @@ def find_responses(
     for i, code in enumerate(codes):
         if progress is not None:
             progress(i / len(codes), f"learning a response of {code}")
-        found = _of_component(campaign, residuals, code)
-        if isinstance(found, Offered):
-            offered.append(found)
-        elif found:
-            refused.append(NotTested(Response.kind, code, found))
+        outcome = _of_component(campaign, residuals, code)
+        if isinstance(outcome, Offered):
+            offered.append(outcome)
+        elif outcome:
+            refused.append(NotTested(Response.kind, code, outcome))
     if offered:
         refused += [
             NotTested(Response.kind, name, NOT_RECORDED)
@@ -160,11 +160,11 @@ def find_responses(
 
 def _of_component(campaign: Campaign, residuals: Residuals, code: str) -> Offered | str:
     """Find the response of one component, or say why there is none."""
-    own = residuals.rows.of_channel(code)
-    if not residuals.rows.times_s[own].size:
+    rows_of_code = residuals.rows.of_channel(code)
+    if not residuals.rows.times_s[rows_of_code].size:
         return "none of its observations can be used"
     before = [e for e in campaign.effects if e.kind == Response.kind and code in e.components]
-    if any(_has_learnt_from(effect, residuals.rows.times_s[own]) for effect in before):
+    if any(_has_learnt_from(effect, residuals.rows.times_s[rows_of_code]) for effect in before):
         return ""
     if np.ptp(np.nan_to_num(residuals.projection.view(code).places.positions_mm)) > 0.0:
         return "needs observations at one position over hours in which temperatures change"
@@ -212,7 +212,7 @@ def _effect(judged: Judged, residuals: Residuals) -> Effect:
 
 
 def beside_search(
-    found: FinishedSearch, responses: Responses, known: Sequence[Effect]
+    finished: FinishedSearch, responses: Responses, adopted: Sequence[Effect]
 ) -> tuple[FinishedSearch, Responses]:
     """Set responses beside what the search found: of both on a component, the one that leaves less.
 
@@ -225,27 +225,37 @@ def beside_search(
         Those that are left. A component that shares an effect with others has none unless they
         all have one: it is learnt of what that leaves when it has been adopted.
     """
-    found = _suspecting(found, known)
-    judged = decide(found, found.effects()) if responses.offered else Decision([])
-    named = {o.code: [t.key for t in _named(found, o.code)] for o in responses.offered}
-    left = {o.code: _left_by_adopted(found, judged, o.code) for o in responses.offered}
-    chosen = that_leave_less(found, responses.offered, left)
+    finished = _suspecting(finished, adopted)
+    judged = decide(finished, finished.effects()) if responses.offered else Decision([])
+    named = {o.code: [t.key for t in _named(finished, o.code)] for o in responses.offered}
+    residuals_by_code = {
+        o.code: _left_by_adopted(finished, judged, o.code) for o in responses.offered
+    }
+    chosen = that_leave_less(finished, responses.offered, residuals_by_code)
     refused = [
-        NotTested(Response.kind, one.code, _why_not_instead(one, left[one.code]))
-        for one in responses.offered
-        if one not in chosen
+        NotTested(
+            Response.kind,
+            response.code,
+            _why_not_instead(response, residuals_by_code[response.code]),
+        )
+        for response in responses.offered
+        if response not in chosen
     ]
-    kept = []
+    accepted = []
     for offered in chosen:
         keys = named[offered.code]
-        kinds = tuple(dict.fromkeys(found.hypotheses[key].kind for key in keys))
-        found = _taking_place(found, offered, keys)
-        kept.append(replace(offered, instead_of=left[offered.code], instead_kinds=kinds))
-    return found, Responses(tuple(kept), (*responses.not_testable, *refused))
+        kinds = tuple(dict.fromkeys(finished.hypotheses[key].kind for key in keys))
+        finished = _taking_place(finished, offered, keys)
+        accepted.append(
+            replace(offered, instead_of=residuals_by_code[offered.code], instead_kinds=kinds)
+        )
+    return finished, Responses(tuple(accepted), (*responses.not_testable, *refused))
 
 
 def that_leave_less(
-    found: FinishedSearch, offered: Sequence[Offered], left: Mapping[str, float | None]
+    finished: FinishedSearch,
+    offered: Sequence[Offered],
+    residuals_by_code: Mapping[str, float | None],
 ) -> list[Offered]:
     """Choose the responses that take the place of all that is named on their components.
 
@@ -256,139 +266,161 @@ def that_leave_less(
 
     Parameters
     ----------
-    left
+    residuals_by_code
         For each component what its effects leave that would be adopted; None: there are none.
     """
-    less = {one.code for one in offered if _leaves_less(one, left[one.code])}
+    less = {
+        response.code
+        for response in offered
+        if _leaves_less(response, residuals_by_code[response.code])
+    }
     while True:
-        kept = {code for code in less if all(_goes(found, t, less) for t in _named(found, code))}
-        if kept == less:
-            return [one for one in offered if one.code in kept]
-        less = kept
+        leaving_less = {
+            code for code in less if all(_goes(finished, t, less) for t in _named(finished, code))
+        }
+        if leaving_less == less:
+            return [response for response in offered if response.code in leaving_less]
+        less = leaving_less
 
 
-def _why_not_instead(offered: Offered, left: float | None) -> str:
+def _why_not_instead(offered: Offered, residual: float | None) -> str:
     """Say what held-out set-ups would be left with, and why a response is not adopted."""
     judged, symbol = offered.judged, COMPONENTS[offered.code].unit.symbol
     goes = (
         f"held-out set-ups would go from {judged.before_rms:.3g} to {judged.after_rms:.3g} {symbol}"
     )
-    if left is not None and not _leaves_less(offered, left):
-        return f"{goes}, but the effects named there leave {left:.3g} {symbol}"
+    if residual is not None and not _leaves_less(offered, residual):
+        return f"{goes}, but the effects named there leave {residual:.3g} {symbol}"
     return f"{goes}, but what else is named there is to be put right first, or acts elsewhere too"
 
 
-def _leaves_less(offered: Offered, left: float | None) -> bool:
-    return left is None or offered.judged.after_rms < left
+def _leaves_less(offered: Offered, residual: float | None) -> bool:
+    return residual is None or offered.judged.after_rms < residual
 
 
-def _named(found: FinishedSearch, code: str) -> list[FoundTerm]:
+def _named(finished: FinishedSearch, code: str) -> list[FoundTerm]:
     """List what the search has named on a component."""
-    return [t for t in found.findings.terms if code in found.hypotheses[t.key].components]
+    return [t for t in finished.findings.terms if code in finished.hypotheses[t.key].components]
 
 
-def _goes(found: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
+def _goes(finished: FinishedSearch, term: FoundTerm, codes: set[str]) -> bool:
     """Whether responses of some components may take the place of an effect."""
-    hypothesis = found.hypotheses[term.key]
-    is_sure = term.status is Status.CONFIRMED and not found.is_unexplained_at(term.channels)
+    hypothesis = finished.hypotheses[term.key]
+    is_sure = term.status is Status.CONFIRMED and not finished.is_unexplained_at(term.channels)
     if is_sure and kind_of(hypothesis.kind).not_adopted:
         return False
     return codes >= set(hypothesis.components)
 
 
-def not_beside(described: Iterable[FoundEffect], known: Sequence[Effect]) -> list[FoundEffect]:
+def not_beside(described: Iterable[FoundEffect], adopted: Sequence[Effect]) -> list[FoundEffect]:
     """Say of effects on a component with an adopted response that nobody can say they help."""
-    learnt = {code for e in known if e.kind == Response.kind for code in e.components}
+    learnt = {code for e in adopted if e.kind == Response.kind for code in e.components}
     return [
-        replace(one, helps=False, why_not=NOT_HELD_OUT)
-        if learnt.intersection(one.effect.components)
-        else one
-        for one in described
+        replace(description, helps=False, why_not=NOT_HELD_OUT)
+        if learnt.intersection(description.effect.components)
+        else description
+        for description in described
     ]
 
 
-def _suspecting(found: FinishedSearch, known: Sequence[Effect]) -> FinishedSearch:
+def _suspecting(finished: FinishedSearch, adopted: Sequence[Effect]) -> FinishedSearch:
     """Confirm nothing on a component whose response has learnt from the same set-ups.
 
     No set-up is held out of that: what is left of all of them is less than it will be.
     """
-    learnt = {code for e in known if e.kind == Response.kind for code in e.components}
+    learnt = {code for e in adopted if e.kind == Response.kind for code in e.components}
     terms = tuple(
         replace(term, status=Status.SUSPECTED)
         if term.status is Status.CONFIRMED
-        and learnt.intersection(found.hypotheses[term.key].components)
+        and learnt.intersection(finished.hypotheses[term.key].components)
         else term
-        for term in found.findings.terms
+        for term in finished.findings.terms
     )
-    return replace(found, findings=replace(found.findings, terms=terms))
+    return replace(finished, findings=replace(finished.findings, terms=terms))
 
 
-def _taking_place(found: FinishedSearch, offered: Offered, keys: Sequence[str]) -> FinishedSearch:
+def _taking_place(
+    finished: FinishedSearch, offered: Offered, keys: Sequence[str]
+) -> FinishedSearch:
     """Leave effects out, and put what set-ups held out say of a response in their place."""
-    findings = found.findings
-    own = found.residuals.rows.of_channel(offered.code)
-    rows, left = _held_out(found.residuals, offered)
-    said = []
+    findings = finished.findings
+    rows_of_code = finished.residuals.rows.of_channel(offered.code)
+    rows, residuals = _held_out(finished.residuals, offered)
+    predictions = []
     for foretold in (findings.predicted, findings.adopted):
         anew = foretold.copy()
-        anew[own] = np.nan
-        anew[rows] = np.where(np.isfinite(foretold[rows]), found.rows.values[rows] - left, np.nan)
-        said.append(anew)
+        anew[rows_of_code] = np.nan
+        anew[rows] = np.where(
+            np.isfinite(foretold[rows]), finished.rows.values[rows] - residuals, np.nan
+        )
+        predictions.append(anew)
     stays = np.array([term.key not in keys for term in findings.terms], dtype=np.bool_)
     terms = tuple(term for term in findings.terms if term.key not in keys)
     apart = None if findings.apart is None else findings.apart[stays]
     return replace(
-        found,
-        findings=replace(findings, terms=terms, apart=apart, predicted=said[0], adopted=said[1]),
+        finished,
+        findings=replace(
+            findings, terms=terms, apart=apart, predicted=predictions[0], adopted=predictions[1]
+        ),
     )
 
 
-def explained_by(found: FinishedSearch, offered: Offered, known: Iterable[Effect]) -> FloatArray:
+def explained_by(
+    finished: FinishedSearch, offered: Offered, adopted: Iterable[Effect]
+) -> FloatArray:
     """Say what a response adds to each row, beyond one that it takes the place of, shape (n,)."""
-    before = [e for e in known if e.kind == Response.kind and offered.code in e.components]
-    total = found.explained(offered.effect)
+    before = [e for e in adopted if e.kind == Response.kind and offered.code in e.components]
+    total = finished.explained(offered.effect)
     for effect in before:
-        total = total - found.explained(effect)
+        total = total - finished.explained(effect)
     return total
 
 
-def _left_by_adopted(found: FinishedSearch, judged: Decision, code: str) -> float | None:
+def _left_by_adopted(finished: FinishedSearch, judged: Decision, code: str) -> float | None:
     """Say what effects that would be adopted leave of a component held out, from each zero.
 
     None where there are none, or nothing was held out.
     """
-    pairs = list(zip(found.effects(), judged.helps, strict=True))
-    if not any(one.helps for effect, one in pairs if code in effect.components):
+    pairs = list(zip(finished.effects(), judged.helps, strict=True))
+    if not any(verdict.helps for effect, verdict in pairs if code in effect.components):
         return None
-    refused = [found.foretold(i) for i, (_, one) in enumerate(pairs) if not one.helps]
-    rows = found.residuals.rows
-    left = found.rows.values - found.findings.adopted + sum(refused, np.zeros(len(found.use)))
-    own = rows.of_channel(code)
-    parts = [_from_zero(rows.times_s[part], left[part]) for part in _by_visit(rows.visit, own)]
-    known = np.concatenate([part[np.isfinite(part)] for part in parts])
-    return rms(known) if known.size else None
+    refused = [finished.foretold(i) for i, (_, verdict) in enumerate(pairs) if not verdict.helps]
+    rows = finished.residuals.rows
+    residuals = (
+        finished.rows.values - finished.findings.adopted + sum(refused, np.zeros(len(finished.use)))
+    )
+    rows_of_code = rows.of_channel(code)
+    parts = [
+        _from_zero(rows.times_s[part], residuals[part])
+        for part in _by_visit(rows.visit, rows_of_code)
+    ]
+    finite = np.concatenate([part[np.isfinite(part)] for part in parts])
+    return rms(finite) if finite.size else None
 
 
 def _held_out(residuals: Residuals, offered: Offered) -> tuple[IntArray, FloatArray]:
     """Give the rows of a response's set-ups, and what the others' response leaves of each."""
-    own = residuals.rows.of_channel(offered.code)
-    at = {float(t): int(row) for t, row in zip(residuals.rows.times_s[own], own, strict=True)}
-    found: list[int] = []
-    left: list[float] = []
-    for one, after in zip(offered.judged.rows.set_ups, offered.judged.after, strict=True):
-        whole = np.concatenate([[0.0], after]) if one.is_zeroed else after
-        for t, value in zip(one.times_s.tolist(), whole.tolist(), strict=True):
+    rows_of_code = residuals.rows.of_channel(offered.code)
+    at = {
+        float(t): int(row)
+        for t, row in zip(residuals.rows.times_s[rows_of_code], rows_of_code, strict=True)
+    }
+    numbers: list[int] = []
+    remaining: list[float] = []
+    for set_up, after in zip(offered.judged.rows.set_ups, offered.judged.after, strict=True):
+        whole = np.concatenate([[0.0], after]) if set_up.is_zeroed else after
+        for t, value in zip(set_up.times_s.tolist(), whole.tolist(), strict=True):
             if t in at:
-                found.append(at[t])
-                left.append(value)
-    return np.array(found, dtype=np.intp), np.array(left)
+                numbers.append(at[t])
+                remaining.append(value)
+    return np.array(numbers, dtype=np.intp), np.array(remaining)
 
 
-def _by_visit(visit: IntArray, own: IntArray) -> Iterable[IntArray]:
-    return [own[visit[own] == which] for which in np.unique(visit[own])]
+def _by_visit(visit: IntArray, rows: IntArray) -> Iterable[IntArray]:
+    return [rows[visit[rows] == which] for which in np.unique(visit[rows])]
 
 
 def _from_zero(times_s: FloatArray, values: FloatArray) -> FloatArray:
     first = int(np.argmin(times_s))
-    found: FloatArray = values - values[first] if np.isfinite(values[first]) else values
-    return found
+    shifted: FloatArray = values - values[first] if np.isfinite(values[first]) else values
+    return shifted

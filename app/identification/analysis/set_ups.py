@@ -42,8 +42,8 @@ class SetUps:
     @cached_property
     def place(self) -> IntArray:
         """Number of each row's set-up, from 0 without gaps, shape (n,)."""
-        _, found = np.unique(self._rows.visit, return_inverse=True)
-        return found
+        _, places = np.unique(self._rows.visit, return_inverse=True)
+        return places
 
     @property
     def count(self) -> int:
@@ -51,18 +51,18 @@ class SetUps:
         return int(self.place.max()) + 1
 
     @cached_property
-    def left(self) -> FloatArray:
+    def remaining(self) -> FloatArray:
         """The values from where the instrument has its zero, shape (n,)."""
         return self.from_zero(self.values)
 
     @property
     def sizes(self) -> FloatArray:
         """What is left of each row's channel as a root mean square, 1 for nothing, shape (n,)."""
-        found = np.ones(len(self.left))
+        sizes = np.ones(len(self.remaining))
         for number in np.unique(self.channel):
             here = self.channel == number
-            found[here] = rms(self.left[here]) or 1.0
-        return found
+            sizes[here] = rms(self.remaining[here]) or 1.0
+        return sizes
 
     def from_zero(self, values: FloatArray) -> FloatArray:
         """Count any values of the rows from there, shape (n,)."""
@@ -70,8 +70,8 @@ class SetUps:
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Add values of all rows up by set-up, shape (V,)."""
-        found = np.bincount(self.place, weights=values, minlength=self.count)
-        return found.astype(np.float64)
+        sums = np.bincount(self.place, weights=values, minlength=self.count)
+        return sums.astype(np.float64)
 
     def without(self, rows: IntArray, change: FloatArray) -> SetUps:
         """Take something off in some rows.
@@ -83,11 +83,11 @@ class SetUps:
         """
         values = self.values.copy()
         values[rows] -= change
-        found = SetUps(self.residuals, values)
+        changed = SetUps(self.residuals, values)
         # What does not depend on the values is made once.
         for name in ("_rows", "_zeros", "place"):
-            found.__dict__[name] = getattr(self, name)
-        return found
+            changed.__dict__[name] = getattr(self, name)
+        return changed
 
     def label(self, place: int) -> str:
         """Name a set-up by its verification, and by itself where that states several."""

@@ -20,7 +20,7 @@ from app.search.rows import Datum
 from app.search.scatter import FEWEST_SETUPS
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
-SHOWN: Final = 0.05
+NOTICEABLE: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
 
 ITSELF: Final = 3.0
@@ -40,30 +40,37 @@ ONE_HOUR_S: Final = 2.0 * SECONDS_PER_H
 """Within so much of every day, on so many days: then nothing is known of other hours."""
 
 
-def is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+def is_of_few_places(finished: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
     """Whether an effect may be anything else, as it never changes at any of its few places.
 
     What changes with time or direction shows at one place. What is the same there always, shows
     by how places differ: where they are hardly more than what is unknown of it and of its set-up,
     whatever else differs from place to place looks the same, held-out moments included.
     """
-    rows, size = found.residuals.rows, found.explained(effect)
+    rows, size = finished.residuals.rows, finished.explained(effect)
     for c in term.channels:
-        own = np.flatnonzero(found.use & (found.rows.channel == c))
+        rows_of_channel = np.flatnonzero(finished.use & (finished.rows.channel == c))
         has_places = rows.channels[c] in POINT_CHANNELS or COMPONENTS[rows.channels[c]].axis
-        if not has_places or not size[own].any():
+        if not has_places or not size[rows_of_channel].any():
             return False
-        places = np.column_stack([rows.points_mm[own], rows.tool_offsets_mm[own]])
+        places = np.column_stack(
+            [rows.points_mm[rows_of_channel], rows.tool_offsets_mm[rows_of_channel]]
+        )
         place = np.unique(np.nan_to_num(places), axis=0, return_inverse=True)[1].ravel()
         counts = np.bincount(place)
-        means = np.bincount(place, weights=size[own]) / counts
-        if np.sum((size[own] - means[place]) ** 2) > CHANGES * np.sum(size[own] ** 2):
+        means = np.bincount(place, weights=size[rows_of_channel]) / counts
+        if np.sum((size[rows_of_channel] - means[place]) ** 2) > CHANGES * np.sum(
+            size[rows_of_channel] ** 2
+        ):
             return False
-        setups = np.unique(found.rows.visit[own]).size
-        zeros = {found.rows.datum.get((int(v), c), Datum.ABSOLUTE) for v in found.rows.visit[own]}
+        setups = np.unique(finished.rows.visit[rows_of_channel]).size
+        zeros = {
+            finished.rows.datum.get((int(v), c), Datum.ABSOLUTE)
+            for v in finished.rows.visit[rows_of_channel]
+        }
         unknown = term.degrees_of_freedom
         if setups < FEWEST_SETUPS:
-            unknown += 1 + int((np.ptp(found.rows.tilt[own], axis=0) > 0.0).sum())
+            unknown += 1 + int((np.ptp(finished.rows.tilt[rows_of_channel], axis=0) > 0.0).sum())
         elif zeros != {Datum.ABSOLUTE}:
             unknown += 1
         if len(counts) >= unknown + SPARE_PLACES:
@@ -71,15 +78,15 @@ def is_of_few_places(found: FinishedSearch, effect: Effect, term: FoundTerm) -> 
     return bool(term.channels)
 
 
-def is_of_one_hour(found: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
+def is_of_one_hour(finished: FinishedSearch, effect: Effect, term: FoundTerm) -> bool:
     """Whether what differs from a component's maps may be the hour of the day.
 
     Visits at one hour differ from maps of another by what has changed since, and by what goes with
     the hour. Where the maps were measured at that hour too, only the first is left.
     """
-    shown = found.use & np.isin(found.rows.channel, term.channels)
-    visited_s = found.residuals.rows.times_s[shown]
-    both_s = np.append(visited_s, found.mapped_s(effect))
+    rows_of_term = finished.use & np.isin(finished.rows.channel, term.channels)
+    visited_s = finished.residuals.rows.times_s[rows_of_term]
+    both_s = np.append(visited_s, finished.mapped_s(effect))
     return bool(hours_of_day(visited_s)) and not hours_of_day(both_s)
 
 
@@ -107,25 +114,25 @@ def hours_of_day(times_s: FloatArray) -> str:
     )
 
 
-def is_of_one_setup(found: FinishedSearch, effect: Effect) -> bool:
+def is_of_one_setup(finished: FinishedSearch, effect: Effect) -> bool:
     """Whether one set-up alone knows an effect that grows or begins with time.
 
     Its components by themselves may show it in several set-ups, or points. Where both were
     measured, points count only if they show it by themselves: an effect that one record of its
     component knows alone is only predicted there.
     """
-    names = np.array(found.residuals.rows.channels)[found.rows.channel]
-    itself = found.use & np.isin(names, effect.components)
-    if _is_in_several(found, effect, itself):
+    names = np.array(finished.residuals.rows.channels)[finished.rows.channel]
+    itself = finished.use & np.isin(names, effect.components)
+    if _is_in_several(finished, effect, itself):
         return False
-    always = _had_it_always_been(found, effect)
-    points = found.use & np.isin(names, POINT_CHANNELS) & (always != 0.0)
-    if not _is_in_several(found, effect, points):
+    always = _had_it_always_been(finished, effect)
+    points = finished.use & np.isin(names, POINT_CHANNELS) & (always != 0.0)
+    if not _is_in_several(finished, effect, points):
         return True
-    return bool(itself.any()) and not _is_shown(found, effect, always, points)
+    return bool(itself.any()) and not _is_shown(finished, effect, always, points)
 
 
-def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bool:
+def _is_in_several(finished: FinishedSearch, effect: Effect, acts: BoolArray) -> bool:
     """Whether it shows in two set-ups at least; where it begins, in two before it too.
 
     Parameters
@@ -133,14 +140,14 @@ def _is_in_several(found: FinishedSearch, effect: Effect, acts: BoolArray) -> bo
     acts : ndarray, shape (n,)
         Rows in which it shows, or would had it begun before.
     """
-    size = np.abs(found.explained(effect))
-    after = acts & (size > SHOWN * size[acts].max(initial=0.0))
+    size = np.abs(finished.explained(effect))
+    after = acts & (size > NOTICEABLE * size[acts].max(initial=0.0))
     grows = kind_of(effect.kind).over_time is OverTime.GROWS
     sides = [acts] if grows else [after, acts & ~after]
-    return all(len(np.unique(found.rows.visit[side])) > 1 for side in sides)
+    return all(len(np.unique(finished.rows.visit[side])) > 1 for side in sides)
 
 
-def _had_it_always_been(found: FinishedSearch, effect: Effect) -> FloatArray:
+def _had_it_always_been(finished: FinishedSearch, effect: Effect) -> FloatArray:
     """Say what an effect of time would be had it always been the same, shape (n,)."""
     terms = (
         replace(term, driver=Always())
@@ -148,10 +155,12 @@ def _had_it_always_been(found: FinishedSearch, effect: Effect) -> FloatArray:
         else term
         for term in effect.terms
     )
-    return found.explained(replace(effect, terms=tuple(terms)))
+    return finished.explained(replace(effect, terms=tuple(terms)))
 
 
-def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: BoolArray) -> bool:
+def _is_shown(
+    finished: FinishedSearch, effect: Effect, always: FloatArray, acts: BoolArray
+) -> bool:
     """Whether some rows show by themselves that an effect came, as large as it is said to be.
 
     What was there all the time, such as a map that is wrong, is fitted beside it: generalised
@@ -164,18 +173,18 @@ def _is_shown(found: FinishedSearch, effect: Effect, always: FloatArray, acts: B
     acts : ndarray, shape (n,)
         These rows.
     """
-    own = found.explained(effect)
-    others = sum((found.explained(e) for e in found.effects()), -own)
-    columns = np.column_stack([found.from_zero(part, acts) for part in (own, always)])
-    left = found.from_zero(found.rows.values - others, acts)
-    noise, shift = found.scatters[acts].T[..., None]
-    group = found.set_up[acts]
+    contribution = finished.explained(effect)
+    others = sum((finished.explained(e) for e in finished.effects()), -contribution)
+    columns = np.column_stack([finished.from_zero(part, acts) for part in (contribution, always)])
+    residuals = finished.from_zero(finished.rows.values - others, acts)
+    noise, shift = finished.scatters[acts].T[..., None]
+    group = finished.set_up[acts]
     # V⁻¹ = (1 − k 11ᵀ) / noise², with the set-up's shift in common.
     shared = shift**2 / (noise**2 + np.bincount(group)[group][:, None] * shift**2)
     sums = np.zeros((int(group.max(initial=0)) + 1, 2))
     np.add.at(sums, group, columns)
     weighted = (columns - shared * sums[group]) / noise**2
-    information, product = weighted.T @ columns, weighted.T @ left
+    information, product = weighted.T @ columns, weighted.T @ residuals
     covariance = np.linalg.pinv(information, hermitian=True)
     # Where nothing tells the two apart, neither is known.
     if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:

@@ -88,7 +88,7 @@ def try_effect(campaign: Campaign, effect: Effect, tried_together: int = 1) -> T
     tried_together
         On how many machines effects are tried in all, for the threshold.
     """
-    if any(do_the_same(effect, own) for own in campaign.effects):
+    if any(do_the_same(effect, adopted) for adopted in campaign.effects):
         return _untold(
             "adopted", "its model already has an effect of this kind on the same components"
         )
@@ -101,29 +101,29 @@ def try_effect(campaign: Campaign, effect: Effect, tried_together: int = 1) -> T
     except InvalidContent as error:
         return _untold("cannot-be-told", f"its observations cannot be compared: {error.detail}")
     rows = before.as_rows()
-    left = np.full(len(before.kept), np.nan)
-    left[after.kept] = after.values
+    residuals_after = np.full(len(before.kept), np.nan)
+    residuals_after[after.kept] = after.values
     zeros = unknown_zeros(rows)
-    known = np.isfinite(left[before.kept])
-    plain = without_zeros(zeros, np.where(known, before.values, np.nan))
-    corrected = without_zeros(zeros, np.where(known, left[before.kept], np.nan))
+    comparable = np.isfinite(residuals_after[before.kept])
+    plain = without_zeros(zeros, np.where(comparable, before.values, np.nan))
+    corrected = without_zeros(zeros, np.where(comparable, residuals_after[before.kept], np.nan))
     predicted = plain - corrected
-    acts = np.unique(rows.channel[known & (np.abs(predicted) > 0.0)])
-    use = known & np.isin(rows.channel, acts)
+    acts = np.unique(rows.channel[comparable & (np.abs(predicted) > 0.0)])
+    use = comparable & np.isin(rows.channel, acts)
     # A set-up in which it would not show is no evidence.
     use &= np.isin(rows.visit, np.unique(rows.visit[use & (np.abs(predicted) > 0.0)]))
     if not use.any():
         return _untold("cannot-be-told", "no observation shows the components on which it acts")
     units = np.array([channel_unit(name).symbol for name in before.rows.channels])
     return _judged(
-        _Shown(plain[use], predicted[use], rows.visit[use], units[rows.channel[use]]),
+        _TrialRows(plain[use], predicted[use], rows.visit[use], units[rows.channel[use]]),
         rows.channel[use],
         tried_together,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _TrialRows:
     """Residuals, what the effect predicts of them, their set-ups and units, shape (n,) each."""
 
     residuals: FloatArray
@@ -132,53 +132,56 @@ class _Shown:
     units: NDArray[np.str_]
 
 
-def _judged(shown: _Shown, channel: IntArray, tried_together: int) -> TriedEffect:
+def _judged(trial: _TrialRows, channel: IntArray, tried_together: int) -> TriedEffect:
     """Judge residuals by what the effect predicts of them, set-up by set-up.
 
     The share is of all rows, each by what its channel scatters; figures are of the unit in which
     the effect shows best.
     """
-    scale = _scatter(shown, channel)
-    _, group = np.unique(shown.visit, return_inverse=True)
-    agree = np.bincount(group, weights=shown.residuals * shown.predicted / scale**2)
-    full = np.bincount(group, weights=(shown.predicted / scale) ** 2)
+    scale = _scatter(trial, channel)
+    _, group = np.unique(trial.visit, return_inverse=True)
+    agree = np.bincount(group, weights=trial.residuals * trial.predicted / scale**2)
+    full = np.bincount(group, weights=(trial.predicted / scale) ** 2)
     setups, share = len(full), float(agree.sum() / full.sum())
-    symbols, numbers = np.unique(shown.units, return_inverse=True)
-    best = int(np.bincount(numbers, weights=(shown.predicted / scale) ** 2).argmax())
-    own = numbers == best
-    residuals, left = shown.residuals[own], (shown.residuals - shown.predicted)[own]
+    symbols, numbers = np.unique(trial.units, return_inverse=True)
+    best = int(np.bincount(numbers, weights=(trial.predicted / scale) ** 2).argmax())
+    of_channel = numbers == best
+    residuals, residuals_after = (
+        trial.residuals[of_channel],
+        (trial.residuals - trial.predicted)[of_channel],
+    )
 
-    def told(
+    def answered(
         verdict: CanTell, reason: str, interval: Range | None, gain: Range | None
     ) -> TriedEffect:
-        unit, before, after = str(symbols[best]), rms(residuals), rms(left)
+        unit, before, after = str(symbols[best]), rms(residuals), rms(residuals_after)
         return TriedEffect(verdict, reason, setups, unit, before, after, gain, share, interval)
 
     if setups < FEWEST_BLOCKS:
         few = f"expected {FEWEST_BLOCKS} set-ups in which it would show, got {setups}"
-        return told("cannot-be-told", few, None, None)
+        return answered("cannot-be-told", few, None, None)
     interval = _interval(agree.astype(np.float64), full.astype(np.float64), tried_together)
-    gain = _gain(residuals, left, shown.visit[own])
+    gain = _gain(residuals, residuals_after, trial.visit[of_channel])
     shows = f"this machine shows {share:.2f} of the effect ({interval[0]:.2f} to {interval[1]:.2f})"
     if interval[0] > 0.0 and gain[0] > 0.0:
-        return told("yes", f"{shows}, and its residuals fall", interval, gain)
+        return answered("yes", f"{shows}, and its residuals fall", interval, gain)
     if interval[1] < LEAST_SHARE:
-        return told("no", f"{shows}: less than half", interval, gain)
+        return answered("no", f"{shows}: less than half", interval, gain)
     why = "something moves alike, but it is not certain that residuals would fall"
     why = why if interval[0] > 0.0 else "its set-ups cannot decide"
-    return told("cannot-be-told", f"{shows}: {why}", interval, gain)
+    return answered("cannot-be-told", f"{shows}: {why}", interval, gain)
 
 
-def _scatter(shown: _Shown, channel: IntArray) -> FloatArray:
+def _scatter(trial: _TrialRows, channel: IntArray) -> FloatArray:
     """Give what each row's channel scatters, with or without the effect, shape (n,)."""
     count = np.maximum(np.bincount(channel), 1)
     squares = [
         np.bincount(channel, weights=values**2) / count
-        for values in (shown.residuals, shown.residuals - shown.predicted)
+        for values in (trial.residuals, trial.residuals - trial.predicted)
     ]
     least = np.sqrt(np.minimum(*squares))
-    found: FloatArray = np.maximum(least, np.finfo(np.float64).tiny)[channel]
-    return found
+    scatter: FloatArray = np.maximum(least, np.finfo(np.float64).tiny)[channel]
+    return scatter
 
 
 def _interval(agree: FloatArray, full: FloatArray, tried_together: int) -> Range:
@@ -191,7 +194,7 @@ def _interval(agree: FloatArray, full: FloatArray, tried_together: int) -> Range
     return share - reach, share + reach
 
 
-def _gain(residuals: FloatArray, left: FloatArray, visit: IntArray) -> Range:
+def _gain(residuals: FloatArray, residuals_after: FloatArray, visit: IntArray) -> Range:
     """Give the 95 % interval of the gain, drawing whole set-ups again."""
     _, group = np.unique(visit, return_inverse=True)
     count = np.bincount(group)
@@ -199,7 +202,7 @@ def _gain(residuals: FloatArray, left: FloatArray, visit: IntArray) -> Range:
     picks = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), RESAMPLED)
     before, after = (
         np.sqrt(picks @ np.bincount(group, weights=values**2) / (picks @ count))
-        for values in (residuals, left)
+        for values in (residuals, residuals_after)
     )
     low, high = np.quantile(before - after, [0.025, 0.975])
     return float(low), float(high)

@@ -73,11 +73,11 @@ def with_expected(
     precision = hidden / (HIDDEN_SIZE**2 * size)
     # (C⁻¹ + P)⁻¹ C⁻¹, where C may be singular.
     weight = np.linalg.inv(np.eye(amplitudes.size) + covariance @ precision)
-    left = weight @ covariance
-    unknown = float(np.trace(left @ hidden))
+    influence = weight @ covariance
+    unknown = float(np.trace(influence @ hidden))
     return Shrunk(
         weight @ amplitudes,
-        (left + left.T) / 2.0,
+        (influence + influence.T) / 2.0,
         is_hardly_known=unknown > HARDLY**2 * size,
     )
 
@@ -94,9 +94,9 @@ def _squares(
     """
     hidden, seen = np.zeros((count, count)), np.zeros((count, count))
     for part in parts:
-        own = use[part.rows]
-        columns = part.columns[own] / noise[part.channel]
-        visits = rows.visit[part.rows][own]
+        used = use[part.rows]
+        columns = part.columns[used] / noise[part.channel]
+        visits = rows.visit[part.rows][used]
         for visit in np.unique(visits).tolist():
             here = columns[visits == visit]
             datum = rows.datum.get((visit, part.channel), Datum.ABSOLUTE)

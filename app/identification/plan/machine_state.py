@@ -114,7 +114,7 @@ def sensor_ranges(campaign: Campaign) -> dict[str, SensorRange]:
     inexact = inexact_sensors(machine, readings)
     found = {}
     for name in readings.temperatures_c:
-        times_s, temperatures_c = readings.known(name)
+        times_s, temperatures_c = readings.series(name)
         if times_s.size > 1:
             low, high = np.percentile(temperatures_c, [5.0, 95.0]).tolist()
             scatter_k = _scatter_k(inexact.get(name))

@@ -44,32 +44,34 @@ def frozen_rows(rows: ObservationRows, conditions: Conditions) -> BoolArray:
         True from the second one of each repeated value on, from the first where observations are
         rare; never for the first observation of all, and where nothing was measured yet.
     """
-    found = np.zeros(len(rows), dtype=np.bool_)
+    frozen = np.zeros(len(rows), dtype=np.bool_)
     for which in np.unique(rows.verification[~rows.is_planned]).tolist():
-        own = np.flatnonzero(rows.verification == which)
-        times_s, moment = np.unique(rows.times_s[own], return_inverse=True)
-        stands = _stands_still(rows, own, moment, len(times_s))
+        of_verification = np.flatnonzero(rows.verification == which)
+        times_s, moment = np.unique(rows.times_s[of_verification], return_inverse=True)
+        stands = _stands_still(rows, of_verification, moment, len(times_s))
         for first, last in _stretches(stands):
-            here = own[(moment >= first) & (moment <= last)]
+            here = of_verification[(moment >= first) & (moment <= last)]
             is_alone = np.unique(rows.channel[here]).size == 1
             fewest = FEWEST_REPEATS if is_alone else FEWEST_TOGETHER
             long = times_s[last] - times_s[first] > FROZEN_S and last - first + 1 >= fewest
             if long and _moved_k(conditions, here) > MOVED_K:
                 is_old = first > 0 and times_s[first] - times_s[first - 1] > FRESH_S
-                found[own[(moment > first - is_old) & (moment <= last)]] = True
-    return found
+                frozen[of_verification[(moment > first - is_old) & (moment <= last)]] = True
+    return frozen
 
 
-def _stands_still(rows: ObservationRows, own: IntArray, moment: IntArray, count: int) -> BoolArray:
+def _stands_still(
+    rows: ObservationRows, chosen: IntArray, moment: IntArray, count: int
+) -> BoolArray:
     """Say of each moment whether all its values and places are those of the moment before."""
     stands = np.ones(count, dtype=np.bool_)
     stands[0] = False
-    for channel in np.unique(rows.channel[own]).tolist():
-        mine = rows.channel[own] == channel
+    for channel in np.unique(rows.channel[chosen]).tolist():
+        mine = rows.channel[chosen] == channel
         values: FloatArray = np.full(count, np.nan)
-        values[moment[mine]] = rows.measured[own[mine]]
+        values[moment[mine]] = rows.measured[chosen[mine]]
         places = np.full((count, 3), np.nan)
-        places[moment[mine]] = rows.points_mm[own[mine]]
+        places[moment[mine]] = rows.points_mm[chosen[mine]]
         moved = np.diff(np.nan_to_num(places), axis=0).any(axis=1)
         same = (np.diff(values) == 0.0) & ~moved
         stands[1:] &= same | np.isnan(values[1:])
@@ -91,7 +93,7 @@ def _moved_k(conditions: Conditions, rows: IntArray) -> float:
     """Give the largest span of any temperature over some rows [K]."""
     spans = [0.0]
     for values in conditions.temperatures_c.values():
-        known = values[rows][~np.isnan(values[rows])]
-        if known.size:
-            spans.append(float(np.ptp(known)))
+        present = values[rows][~np.isnan(values[rows])]
+        if present.size:
+            spans.append(float(np.ptp(present)))
     return max(spans)

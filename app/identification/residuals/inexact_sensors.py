@@ -31,24 +31,24 @@ Inexact: TypeAlias = Coarse | Noisy
 
 def inexact_sensors(machine: Machine, readings: TemperatureHistory) -> dict[str, Inexact]:
     """Look back on the readings of each coarse or noisy sensor."""
-    found: dict[str, Inexact] = {}
+    by_sensor: dict[str, Inexact] = {}
     for sensor in readings.temperatures_c:
-        times_s, temperatures_c = readings.known(sensor)
+        times_s, temperatures_c = readings.series(sensor)
         max_gap_s = machine.sensor(sensor).max_age_s
-        one = looking_back(times_s, temperatures_c, max_gap_s) or without_noise(
+        inexactness = looking_back(times_s, temperatures_c, max_gap_s) or without_noise(
             times_s, temperatures_c, max_gap_s
         )
-        if one is not None:
-            found[sensor] = one
-    return found
+        if inexactness is not None:
+            by_sensor[sensor] = inexactness
+    return by_sensor
 
 
 def looked_back(readings: TemperatureHistory, inexact: Mapping[str, Inexact]) -> TemperatureHistory:
     """Give a record as it probably was, without the steps and the scatter of its sensors."""
     temperatures_c: dict[str, FloatArray] = dict(readings.temperatures_c)
-    for sensor, one in inexact.items():
+    for sensor, inexactness in inexact.items():
         values = temperatures_c[sensor].copy()
-        values[~np.isnan(values)] = one.temperatures_c
+        values[~np.isnan(values)] = inexactness.temperatures_c
         temperatures_c[sensor] = values
     return TemperatureHistory(readings.times_s, temperatures_c)
 
@@ -65,36 +65,41 @@ def error_columns(
         components follow.
     """
     times_s, n = projection.rows.times_s, len(projection.rows)
-    found = [sparse.csr_array((n, 0))]
+    blocks = [sparse.csr_array((n, 0))]
     for sensor in dict.fromkeys(group.sensor for group in projection.model.groups):
         if sensor not in inexact:
             continue
-        read_s, _ = readings.known(sensor)
-        one = inexact[sensor]
-        stay = one.stay[np.searchsorted((read_s[1:] + read_s[:-1]) / 2.0, times_s)]
-        change = left_by_temperatures(projection, {sensor: np.full(n, one.error_k)})
-        own, place = np.unique(stay, return_inverse=True)
+        read_s, _ = readings.series(sensor)
+        inexactness = inexact[sensor]
+        stay = inexactness.stay[np.searchsorted((read_s[1:] + read_s[:-1]) / 2.0, times_s)]
+        change = left_by_temperatures(projection, {sensor: np.full(n, inexactness.error_k)})
+        stays, place = np.unique(stay, return_inverse=True)
         at = (np.arange(n), place)
-        found.append(sparse.csr_array((np.nan_to_num(change), at), shape=(n, len(own))))
-    columns = sparse.csr_array(sparse.hstack(found))
+        blocks.append(sparse.csr_array((np.nan_to_num(change), at), shape=(n, len(stays))))
+    columns = sparse.csr_array(sparse.hstack(blocks))
     columns.eliminate_zeros()
     return columns
 
 
 def read_inexactly(inexact: Mapping[str, Inexact]) -> tuple[NotTested, ...]:
     """Name the coarse and noisy sensors, and what that does to figures and tables."""
-    return tuple(NotTested(SensorFault.kind, sensor, _told(one)) for sensor, one in inexact.items())
+    return tuple(
+        NotTested(SensorFault.kind, sensor, _inexactness(inexactness))
+        for sensor, inexactness in inexact.items()
+    )
 
 
-def _told(one: Inexact) -> str:
-    if isinstance(one, Coarse):
+def _inexactness(inexactness: Inexact) -> str:
+    if isinstance(inexactness, Coarse):
         return (
-            f"reads in steps of {one.step_k:g} K: between two steps its temperature is taken from "
+            f"reads in steps of {inexactness.step_k:g} K: between two steps its temperature is "
+            "taken from "
             "when the reading changed, which a live table cannot know; the table is off by what "
-            f"up to {one.step_k / 2.0:g} K does"
+            f"up to {inexactness.step_k / 2.0:g} K does"
         )
     return (
-        f"scatters by {one.scatter_k:.2g} K from reading to reading: its temperature is taken from "
+        f"scatters by {inexactness.scatter_k:.2g} K from reading to reading: its temperature is "
+        "taken from "
         "the readings before and after, which a live table cannot know; the table scatters by "
-        f"what {one.scatter_k:.2g} K does"
+        f"what {inexactness.scatter_k:.2g} K does"
     )

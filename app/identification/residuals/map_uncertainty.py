@@ -144,9 +144,9 @@ def entry_columns(model: CompiledModel, code: str, view: View) -> SparseArray:
         Weights by direction, map and position: d is 2 where directions have entries of their
         own, those of the positive approach first. Zero where the temperature is not known.
     """
-    found = model.find(code)
-    assert found is not None
-    group, member = found
+    located = model.find(code)
+    assert located is not None
+    group, member = located
     conditions = view.conditions
     weights = maps_at(model, group, conditions.temperatures_c, len(conditions)).weights
     weights = np.nan_to_num(weights)
@@ -191,15 +191,15 @@ def entry_errors(
     ndarray, shape (M k,) [the component's unit]
         What the maps state; else their repeatability for lengths in µm; else half a unit.
     """
-    found = model.find(code)
-    assert found is not None
-    group, member = found
+    located = model.find(code)
+    assert located is not None
+    group, member = located
     columns = member.backward if backward and member.backward else member.forward
     fallback = [[_unstated(maps, label, member)] for label in group.labels]
     errors = np.broadcast_to(np.array(fallback), group.nodes[:, columns].shape)
     if group.variances is not None:
-        stated = np.sqrt(group.variances[:, columns])
-        errors = np.where(np.isnan(stated), errors, stated)
+        declared = np.sqrt(group.variances[:, columns])
+        errors = np.where(np.isnan(declared), errors, declared)
     return errors.ravel()
 
 
@@ -249,15 +249,15 @@ def _not_negligible(
     most = NEGLIGIBLE * float(variances.max())
     small = int(np.searchsorted(np.cumsum(squares), most, side="right"))
     room = NEGLIGIBLE_IN_A_ROW * variances + ROUNDED * float(variances.max())
-    kept = [*range(small, len(squares))]
+    chosen = [*range(small, len(squares))]
     for start in range(0, small, COLUMNS_AT_ONCE):
         block = np.arange(start, min(start + COLUMNS_AT_ONCE, small))
         for number, column in zip(block.tolist(), columns(block).T ** 2, strict=True):
             if (column <= room).all():
                 room = room - column
             else:
-                kept.append(number)
-    return np.array(sorted(kept), dtype=np.intp)
+                chosen.append(number)
+    return np.array(sorted(chosen), dtype=np.intp)
 
 
 def _codes(projection: Projection) -> list[str]:
@@ -272,40 +272,41 @@ def _in_channels(
     rows = projection.rows
     widths = [columns.shape[1] for columns in scaled.values()]
     starts = dict(zip(scaled, np.cumsum([0, *widths]).tolist(), strict=False))
-    found = []
+    by_channel = []
     for number, channel in enumerate(rows.channels):
-        own = rows.of_channel(channel)
-        shown = scaled if channel in POINT_CHANNELS else [c for c in scaled if c == channel]
+        rows_of_channel = rows.of_channel(channel)
+        entering = scaled if channel in POINT_CHANNELS else [c for c in scaled if c == channel]
         parts = [
-            _placed(scaled[c], projection.view(c).rows, own, starts[c], sum(widths)) for c in shown
+            _placed(scaled[c], projection.view(c).rows, rows_of_channel, starts[c], sum(widths))
+            for c in entering
         ]
-        if own.size and any(part.nnz for part in parts):
+        if rows_of_channel.size and any(part.nnz for part in parts):
             columns = _sum(parts)
             if steps is not None:
-                columns = sparse.csr_array(sparse.hstack([columns, steps[own]]))
-            found.append(ChannelEntries(number, own, columns))
-    return found
+                columns = sparse.csr_array(sparse.hstack([columns, steps[rows_of_channel]]))
+            by_channel.append(ChannelEntries(number, rows_of_channel, columns))
+    return by_channel
 
 
 def _nuisances(projection: Projection, entries: Sequence[ChannelEntries]) -> list[Nuisance]:
     """Make the columns of all channels; refuse what memory does not hold."""
     if not entries:
         return []
-    touched = np.unique(np.concatenate([one.touched for one in entries]))
-    found: list[Nuisance] = []
-    for one in entries:
-        taken = sum(n.columns.size for n in found)
-        _refuse_too_large(projection, one, taken)
-        found.append(_nuisance(projection, one, touched))
-    return found
+    touched = np.unique(np.concatenate([source.touched for source in entries]))
+    nuisances: list[Nuisance] = []
+    for entry in entries:
+        taken = sum(n.columns.size for n in nuisances)
+        _refuse_too_large(projection, entry, taken)
+        nuisances.append(_nuisance(projection, entry, touched))
+    return nuisances
 
 
 def _bows(projection: Projection, maps: Sequence[ErrorMap], code: str) -> SparseArray:
     """Columns of one component on the rows of its view: all its gaps at once, then each gap."""
     model, view = projection.model, projection.view(code)
-    found = model.find(code)
-    assert found is not None
-    group, member = found
+    located = model.find(code)
+    assert located is not None
+    group, member = located
     x, n = member.positions_mm, len(view.rows)
     if x.size < 3:
         return sparse.csr_array((n, 0))
@@ -339,11 +340,13 @@ def _bows(projection: Projection, maps: Sequence[ErrorMap], code: str) -> Sparse
     )
 
 
-def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) -> Nuisance:
+def _nuisance(
+    projection: Projection, channel_entries: ChannelEntries, touched: IntArray
+) -> Nuisance:
     """Make one channel's columns; the unit errors that channels share are those of `touched`."""
-    mine = own.touched
-    entries = own.columns[:, mine]
-    if projection.rows.channels[own.channel] in POINT_CHANNELS:
+    mine = channel_entries.touched
+    entries = channel_entries.columns[:, mine]
+    if projection.rows.channels[channel_entries.channel] in POINT_CHANNELS:
         columns = combined(entries)
         # The columns are orthogonal: entries come back by projection.
         weights = sparse.csr_array(entries.T @ columns / np.sum(columns**2, axis=0))
@@ -354,13 +357,13 @@ def _nuisance(projection: Projection, own: ChannelEntries, touched: IntArray) ->
     back = sparse.csr_array(
         (np.ones(len(mine)), (places, np.arange(len(mine)))), shape=(len(touched), len(mine))
     )
-    return Nuisance(own.channel, own.rows, columns, back @ weights)
+    return Nuisance(channel_entries.channel, channel_entries.rows, columns, back @ weights)
 
 
-def _refuse_too_large(projection: Projection, own: ChannelEntries, taken: int) -> None:
+def _refuse_too_large(projection: Projection, entries: ChannelEntries, taken: int) -> None:
     """Refuse what would need more memory than is stated, before it is taken."""
-    channel = projection.rows.channels[own.channel]
-    m, p = len(own.rows), own.touched.size
+    channel = projection.rows.channels[entries.channel]
+    m, p = len(entries.rows), entries.touched.size
     # Points' columns are combined from a product of the smaller side with itself.
     numbers = taken + (min(m, p) ** 2 if channel in POINT_CHANNELS else m * p)
     if numbers > MOST_NUMBERS:
@@ -385,16 +388,19 @@ def _in_standard_errors(projection: Projection, maps: Sequence[ErrorMap], code: 
 
 
 def _placed(
-    columns: SparseArray, rows: IntArray, own: IntArray, start: int, width: int
+    columns: SparseArray, rows: IntArray, rows_of_channel: IntArray, start: int, width: int
 ) -> SparseArray:
     """Keep the rows that are a channel's, at their places there, and the columns at theirs."""
-    found = columns.tocoo()
-    place = np.full(int(max(rows.max(initial=-1), own.max(initial=-1))) + 1, -1, dtype=np.intp)
-    place[own] = np.arange(len(own))
-    at, entry = place[rows[found.coords[0]]], found.coords[1]
+    coordinates = columns.tocoo()
+    place = np.full(
+        int(max(rows.max(initial=-1), rows_of_channel.max(initial=-1))) + 1, -1, dtype=np.intp
+    )
+    place[rows_of_channel] = np.arange(len(rows_of_channel))
+    at, entry = place[rows[coordinates.coords[0]]], coordinates.coords[1]
     here = at >= 0
     return sparse.csr_array(
-        (found.data[here], (at[here], entry[here] + start)), shape=(len(own), width)
+        (coordinates.data[here], (at[here], entry[here] + start)),
+        shape=(len(rows_of_channel), width),
     )
 
 
@@ -408,5 +414,5 @@ def _sum(parts: Sequence[SparseArray]) -> SparseArray:
 def _unstated(maps: Sequence[ErrorMap], label: str, member: Member) -> float:
     if member.component.unit is not Unit.UM:
         return UNSTATED
-    stated = [m.repeatability_um for m in maps_of_label(maps, label) if m.repeatability_um]
-    return float(np.mean(stated)) if stated else UNSTATED
+    declared = [m.repeatability_um for m in maps_of_label(maps, label) if m.repeatability_um]
+    return float(np.mean(declared)) if declared else UNSTATED

@@ -161,28 +161,31 @@ def compute_residuals(
     reasons = _reasons(model, rows, conditions, status, readings)
     if older_readings:
         reasons[reasons == BEFORE_THE_FIRST] = NONE_NEAR
-    own = predicted.values
+    total = predicted.values
     if effects:
         added = contributions(Projection(model, rows, conditions), effects)
-        own = own + added.errors
+        total = total + added.errors
         reasons[(reasons == "") & added.is_lacking] = (
             "an adopted effect lacks a reading or a state that it needs"
         )
-    kept = reasons == ""
+    are_compared = reasons == ""
     left_out = tuple(
-        LeftOut(str(reason), int((reasons == reason).sum())) for reason in np.unique(reasons[~kept])
+        LeftOut(str(reason), int((reasons == reason).sum()))
+        for reason in np.unique(reasons[~are_compared])
     )
-    if not kept.any():
+    if not are_compared.any():
         counts = ", ".join(f"{e.reason}: {e.count}" for e in left_out)
         lacks_readings = not {NONE_NEAR, BEFORE_THE_FIRST}.isdisjoint(reasons)
         raise (NoReadingsThen if lacks_readings else InvalidContent).of_field(
             "observations",
             f"expected some that can be compared with the model, got none ({counts})",
         )
-    _refuse_wrong_unit(rows.take(kept), own[kept])
-    projection = Projection(model, rows.take(kept), conditions.take(np.flatnonzero(kept)))
+    _refuse_wrong_unit(rows.take(are_compared), total[are_compared])
+    projection = Projection(
+        model, rows.take(are_compared), conditions.take(np.flatnonzero(are_compared))
+    )
     missing = _counted_as_zero(model, projection.rows, effects)
-    return Residuals(projection, own[kept], left_out, kept, missing)
+    return Residuals(projection, total[are_compared], left_out, are_compared, missing)
 
 
 def _counted_as_zero(
@@ -205,10 +208,10 @@ def tilt_columns(projection: Projection) -> FloatArray:
     points = projection.rows.points_mm
     columns = np.zeros(points.shape)
     for i in range(points.shape[1]):
-        known = ~np.isnan(points[:, i])
-        if known.any() and np.ptp(points[known, i]) > 0:
-            low, high = points[known, i].min(), points[known, i].max()
-            columns[known, i] = (2.0 * points[known, i] - low - high) / (high - low)
+        present = ~np.isnan(points[:, i])
+        if present.any() and np.ptp(points[present, i]) > 0:
+            low, high = points[present, i].min(), points[present, i].max()
+            columns[present, i] = (2.0 * points[present, i] - low - high) / (high - low)
     return columns[:, columns.any(axis=0)]
 
 
@@ -227,30 +230,30 @@ def _predict(
         chosen = rows.of_channel(channel)
         here = {name: t[chosen] for name, t in conditions.temperatures_c.items()}
         if channel in POINT_CHANNELS:
-            found = predict_points(
+            prediction = predict_points(
                 model,
                 here,
                 rows.points_mm[chosen],
                 rows.tool_offsets_mm[chosen],
                 rows.directions[chosen],
             )
-            values[chosen] = found.values[:, POINT_CHANNELS.index(channel)]
+            values[chosen] = prediction.values[:, POINT_CHANNELS.index(channel)]
         elif channel in have:
             places = places_of(channel, rows.points_mm[chosen], rows.directions[chosen])
-            found = predict_component(model, channel, here, *places)
-            values[chosen] = found.values
+            prediction = predict_component(model, channel, here, *places)
+            values[chosen] = prediction.values
         elif channel in acting:
-            found = Predicted(np.zeros(len(chosen)), [EFFECTS_ONLY] * len(chosen))
-            values[chosen] = found.values
+            prediction = Predicted(np.zeros(len(chosen)), [EFFECTS_ONLY] * len(chosen))
+            values[chosen] = prediction.values
         else:
             continue
-        status[chosen] = [str(s) for s in found.status]
+        status[chosen] = [str(s) for s in prediction.status]
     return Predicted(values, status.tolist())
 
 
 def _any_of(masks: Iterable[BoolArray], n: int) -> BoolArray:
-    found: BoolArray = np.any([np.zeros(n, dtype=np.bool_), *masks], axis=0)
-    return found
+    union: BoolArray = np.any([np.zeros(n, dtype=np.bool_), *masks], axis=0)
+    return union
 
 
 def _reasons(
@@ -283,9 +286,9 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
     reasons = np.full(times_s.shape, NONE_NEAR, dtype=object)
     for name in {group.sensor for group in model.groups}:
         age_s = machine.sensor(name).max_age_s
-        known = ~np.isnan(readings.at(name, times_s, age_s))
-        lost = known & np.isnan(trusted.at(name, times_s, age_s))
-        frozen = known & np.isnan(without_frozen.at(name, times_s, age_s))
+        present = ~np.isnan(readings.at(name, times_s, age_s))
+        lost = present & np.isnan(trusted.at(name, times_s, age_s))
+        frozen = present & np.isnan(without_frozen.at(name, times_s, age_s))
         reasons[lost] = f"readings of {name} were not credible"
         reasons[frozen] = "frozen"
     first = readings.times_s[0] if readings.times_s.size else np.inf
@@ -296,35 +299,36 @@ def _why_silent(model: CompiledModel, times_s: FloatArray, readings: Temperature
 def _far_outside(model: CompiledModel, rows: ObservationRows, conditions: Conditions) -> BoolArray:
     """Find rows that lie further beyond the maps than the sensor resolves."""
     beyond = {id(group): _beyond(model.machine, group, conditions) for group in model.groups}
-    found = np.zeros(len(rows), dtype=np.bool_)
+    outside = np.zeros(len(rows), dtype=np.bool_)
     for number, channel in enumerate(rows.channels):
-        own = [g for g in model.groups if channel in POINT_CHANNELS or channel in g.codes]
-        for group in own:
-            found |= (rows.channel == number) & beyond[id(group)]
-    return found
+        concerned = [g for g in model.groups if channel in POINT_CHANNELS or channel in g.codes]
+        for group in concerned:
+            outside |= (rows.channel == number) & beyond[id(group)]
+    return outside
 
 
 def _beyond(machine: Machine, group: Group, conditions: Conditions) -> BoolArray:
-    found = np.zeros(len(conditions), dtype=np.bool_)
+    beyond = np.zeros(len(conditions), dtype=np.bool_)
     undecided = np.ones(len(conditions), dtype=np.bool_)
     for scale in group.scales:
         t = conditions.temperature(scale.sensor)
         margin = machine.sensor(scale.sensor).resolution_c
         outside = (t < scale.temperatures_c[0] - margin) | (t > scale.temperatures_c[-1] + margin)
-        found |= undecided & outside
+        beyond |= undecided & outside
         undecided &= np.isnan(t)
-    return found
+    return beyond
 
 
 def _refuse_wrong_unit(rows: ObservationRows, predicted: FloatArray) -> None:
     """Refuse a verification whose values are a thousand times too small or too large."""
     lengths = np.array([channel_unit(name) is Unit.UM for name in rows.channels])[rows.channel]
     for i, verification in enumerate(rows.verifications):
-        own = (rows.verification == i) & lengths
-        if own.sum() < FEWEST_FOR_UNIT:
+        lengths_of_verification = (rows.verification == i) & lengths
+        if lengths_of_verification.sum() < FEWEST_FOR_UNIT:
             continue
         came, expected = (
-            _size(values[own], rows.channel[own]) for values in (rows.measured, predicted)
+            _size(values[lengths_of_verification], rows.channel[lengths_of_verification])
+            for values in (rows.measured, predicted)
         )
         if expected < LEAST_UM or came == 0.0:
             continue
@@ -361,22 +365,22 @@ def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
     What an instrument reads in coarse steps scatters by its rounding too, and stated is how well
     it repeats. In steps of two repeatabilities the variance is a third larger.
     """
-    found = {}
+    declared = {}
     units = [channel_unit(channel) for channel in rows.channels]
     # Few values of one channel do not show a step that those of all in its unit together do.
     common = {
-        unit: rounding(rows.measured[np.array([unit is one for one in units])[rows.channel]])
+        unit: rounding(rows.measured[np.array([unit is unit_ for unit_ in units])[rows.channel]])
         for unit in set(units)
     }
     for number, unit in enumerate(units):
-        own = rows.channel == number
-        which = rows.verification[own]
-        stated = [rows.verifications[i].repeatability_um for i in which.tolist()]
-        known = [s for s in stated if s is not None]
-        rounded = common[unit] or rounding(rows.measured[own])
-        if unit is Unit.UM and known and len(known) == len(stated):
-            scatter = float(np.hypot(rms(np.array(known)), rounded))
-            found[number] = DeclaredNoise(repeatability=scatter)
+        of_channel = rows.channel == number
+        which = rows.verification[of_channel]
+        repeatabilities = [rows.verifications[i].repeatability_um for i in which.tolist()]
+        declared_um = [s for s in repeatabilities if s is not None]
+        rounded = common[unit] or rounding(rows.measured[of_channel])
+        if unit is Unit.UM and declared_um and len(declared_um) == len(repeatabilities):
+            scatter = float(np.hypot(rms(np.array(declared_um)), rounded))
+            declared[number] = DeclaredNoise(repeatability=scatter)
         elif rounded:
-            found[number] = DeclaredNoise(rounding=rounded)
-    return found
+            declared[number] = DeclaredNoise(rounding=rounded)
+    return declared

@@ -94,10 +94,10 @@ def summarise(
         for name, um in zip(rows.channels, in_um, strict=True)
         if (names == name).any()
     )
-    found = [Summary("component", components)]
+    summaries = [Summary("component", components)]
     lengths = np.array(in_um)[rows.channel]
     curves = curves_along(residuals, values, lengths, scatter_um)
-    return [summary for summary in (*found, *(c.summary for c in curves)) if summary.bins]
+    return [summary for summary in (*summaries, *(c.summary for c in curves)) if summary.bins]
 
 
 def curves_along(
@@ -133,21 +133,21 @@ def curves_along(
     along |= {f"temperature {s} [°C]": t for s, t in conditions.temperatures_c.items()}
     along |= {f"rate {s} [°C/h]": t for s, t in conditions.rates_c_per_h.items()}
     along |= {f"state {name}": x for name, x in conditions.states.items()}
-    found = []
+    curves = []
     for over, quantity in along.items():
-        known = chosen & ~np.isnan(quantity)
-        if known.sum() >= FEWEST_VALUES and np.ptp(quantity[known]) > 0:
-            own = None if scatter is None else scatter[known]
-            summary = by_range(over, values[known], quantity[known], own, fewest)
-            found.append(Curve(summary, quantity[known], values[known]))
+        present = chosen & ~np.isnan(quantity)
+        if present.sum() >= FEWEST_VALUES and np.ptp(quantity[present]) > 0:
+            chosen_scatter = None if scatter is None else scatter[present]
+            summary = by_range(over, values[present], quantity[present], chosen_scatter, fewest)
+            curves.append(Curve(summary, quantity[present], values[present]))
     for i, axis in enumerate("xyz"):
         moved = chosen & ~np.isnan(rows.points_mm[:, i])
         signs = rows.directions[moved, i]
-        own = None if scatter is None else scatter[moved]
-        summary = _by_direction(axis, values[moved], signs, own)
+        chosen_scatter = None if scatter is None else scatter[moved]
+        summary = _by_direction(axis, values[moved], signs, chosen_scatter)
         if summary.bins:
-            found.append(Curve(summary, signs, values[moved]))
-    return found
+            curves.append(Curve(summary, signs, values[moved]))
+    return curves
 
 
 def by_range(
@@ -210,16 +210,18 @@ def _bin(
     scatter: FloatArray | None,
     inside: BoolArray,
 ) -> Bin:
-    own = values[inside]
+    values_inside = values[inside]
     return Bin(
         label=label,
         low=low,
         high=high,
-        count=int(own.size),
-        mean=float(own.mean()),
-        rms=rms(own),
-        p95=float(np.quantile(np.abs(own), 0.95)),
-        share_above_repeatability=None if scatter is None else share_above(own, scatter[inside]),
+        count=int(values_inside.size),
+        mean=float(values_inside.mean()),
+        rms=rms(values_inside),
+        p95=float(np.quantile(np.abs(values_inside), 0.95)),
+        share_above_repeatability=None
+        if scatter is None
+        else share_above(values_inside, scatter[inside]),
     )
 
 

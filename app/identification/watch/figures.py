@@ -95,20 +95,20 @@ def latest_residuals(residuals: Residuals) -> LatestResiduals:
     of the visit is taken off.
     """
     rows = residuals.rows
-    own = rows.verification == rows.verification[int(np.argmax(rows.times_s))]
+    of_latest = rows.verification == rows.verification[int(np.argmax(rows.times_s))]
     values = residuals.values.copy()
     for (visit, channel), datum in rows.datum().items():
-        here = own & (rows.visit == visit) & (rows.channel == channel)
+        here = of_latest & (rows.visit == visit) & (rows.channel == channel)
         if datum is not Datum.ABSOLUTE and np.any(here):
             values[here] -= values[here].mean()
-    is_length = np.array([channel_unit(one) is Unit.UM for one in rows.channels])[rows.channel]
+    is_length = np.array([channel_unit(name) is Unit.UM for name in rows.channels])[rows.channel]
     groups: dict[str, BoolArray] = {
-        Unit.UM.symbol: own & is_length,
-        Unit.URAD.symbol: own & ~is_length,
+        Unit.UM.symbol: of_latest & is_length,
+        Unit.URAD.symbol: of_latest & ~is_length,
     }
-    found = {unit: values[chosen] for unit, chosen in groups.items() if np.any(chosen)}
+    by_unit = {unit: values[chosen] for unit, chosen in groups.items() if np.any(chosen)}
     return LatestResiduals(
-        float(rows.times_s[own].max()),
-        {unit: rms(some) for unit, some in found.items()},
-        {unit: float(some[np.argmax(np.abs(some))]) for unit, some in found.items()},
+        float(rows.times_s[of_latest].max()),
+        {unit: rms(some) for unit, some in by_unit.items()},
+        {unit: float(some[np.argmax(np.abs(some))]) for unit, some in by_unit.items()},
     )

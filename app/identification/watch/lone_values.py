@@ -35,54 +35,57 @@ class LoneValue(NamedTuple):
     scatter: float
 
 
-def lone_values(own: Iterable[int], left: FloatArray, stated: float | None) -> list[LoneValue]:
+def lone_values(
+    rows: Iterable[int], residuals: FloatArray, repeatability: float | None
+) -> list[LoneValue]:
     """Find the lone values of one channel in one visit.
 
     Parameters
     ----------
-    own
-        Its rows.
-    left
+    rows
+        Where its values stand in the campaign.
+    residuals
         What level and slopes leave of them, shape (n,) [the component's unit].
-    stated
+    repeatability
         Standard deviation of one observation, where it is known: others do not scatter by less.
     """
-    if len(left) < FEWEST_IN_VISIT:
+    if len(residuals) < FEWEST_IN_VISIT:
         return []
-    off = left - np.median(left)
-    scatter = max(robust_sd(off), stated or 0.0)
+    off = residuals - np.median(residuals)
+    scatter = max(robust_sd(off), repeatability or 0.0)
     if scatter == 0.0:
         return []
-    found = [
+    lone = [
         LoneValue(row, float(away), scatter)
-        for row, away in zip(own, off, strict=True)
+        for row, away in zip(rows, off, strict=True)
         if abs(away) > LONELY * scatter
     ]
-    return found if len(found) <= max(1, MOST_LONE * len(left)) else []
+    return lone if len(lone) <= max(1, MOST_LONE * len(residuals)) else []
 
 
-def lone_words(found: list[LoneValue], rows: ObservationRows) -> str:
+def lone_words(lone: list[LoneValue], rows: ObservationRows) -> str:
     """Name the furthest of them, as a sentence with a space before it; empty without any."""
-    if not found:
+    if not lone:
         return ""
-    one = max(found, key=lambda value: abs(value.off) / value.scatter)
-    name = rows.channels[int(rows.channel[one.row])]
+    farthest = max(lone, key=lambda value: abs(value.off) / value.scatter)
+    name = rows.channels[int(rows.channel[farthest.row])]
     unit = channel_unit(name).symbol
-    point = rows.points_mm[one.row]
-    known = point[~np.isnan(point)]
-    places = f" at {', '.join(f'{x:g}' for x in known)} mm" if known.size else ""
-    if name not in POINT_CHANNELS and known.size != 1:
+    point = rows.points_mm[farthest.row]
+    coordinates = point[~np.isnan(point)]
+    places = f" at {', '.join(f'{x:g}' for x in coordinates)} mm" if coordinates.size else ""
+    if name not in POINT_CHANNELS and coordinates.size != 1:
         places = ""
-    time = datetime.fromtimestamp(float(rows.times_s[one.row]), UTC)
-    several = len(found) > 1
-    more = f", and {len(found) - 1} more are as far" if several else ""
+    time = datetime.fromtimestamp(float(rows.times_s[farthest.row]), UTC)
+    several = len(lone) > 1
+    more = f", and {len(lone) - 1} more are as far" if several else ""
     end = (
         "They are left out of this judgement: were they misread or mistyped?"
         if several
         else "It is left out of this judgement: was it misread or mistyped?"
     )
-    scatter = f"±{one.scatter:.2g} {unit}"
+    scatter = f"±{farthest.scatter:.2g} {unit}"
     return (
-        f" But one value is {abs(one.off):.2g} {unit} from the others of its visit, {name}{places} "
+        f" But one value is {abs(farthest.off):.2g} {unit} from the others of its visit, "
+        f"{name}{places} "
         f"of {time:%Y-%m-%d %H:%M:%S} UTC, where they scatter by {scatter}{more}. {end}"
     )

@@ -72,12 +72,12 @@ class Track:
     def foretell(self, repeatability: float, is_first: bool) -> SetUpState:
         """Go on to the next visit's set-up."""
         rho = np.zeros(PAIRS) if is_first else _CORRELATION
-        own = (_SCATTER * repeatability) ** 2
+        fresh = (_SCATTER * repeatability) ** 2
         return SetUpState(
             np.array([self.constants, rho * self.setups]),
             np.array(self.of_constants),
             rho * self.of_both,
-            rho**2 * self.of_setups + (1.0 - rho**2) * own,
+            rho**2 * self.of_setups + (1.0 - rho**2) * fresh,
         )
 
 

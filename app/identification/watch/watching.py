@@ -115,20 +115,20 @@ class Stream:
         """
         is_first = not self.process.steps
         # The maps' error is constant where temperatures are: half of it may change with them.
-        own = number.scatter + 0.5 * number.maps
+        scatter = number.scatter + 0.5 * number.maps
         foretold = self.unchanged.foretell(repeatability, is_first)
         likelihoods = np.array(self.likelihoods)
         weights = believed(likelihoods)
-        variances = foretold.variance + own
+        variances = foretold.variance + scatter
         ratio = likelihood_ratio(foretold.away(number.value), variances, weights)
         learnt, likelihood = learn(
-            self.learnt.foretell(repeatability, is_first), number.value, own, repeatability
+            self.learnt.foretell(repeatability, is_first), number.value, scatter, repeatability
         )
         if not is_first:  # The first number says more of the maps than of set-ups.
             likelihoods += likelihood
             likelihoods -= likelihoods.max()
         return Stream(
-            foretold.after(number.value, own).track(),
+            foretold.after(number.value, scatter).track(),
             learnt.track(),
             tuple(likelihoods.tolist()),
             self.process.after(ratio),
@@ -152,19 +152,19 @@ class Noise:
     freedom: int = 0
     expected: float = 0.0
 
-    def plus(self, fit: _Fit, stated: float | None, maps: SparseArray) -> Noise:
+    def plus(self, fit: _Fit, repeatability: float | None, maps: SparseArray) -> Noise:
         """Add what one more visit leaves.
 
         Parameters
         ----------
-        stated
+        repeatability
             A stated standard deviation.
         maps
             Change of the visit's rows for one standard error of each entry, shape (m, p).
         """
         expected = fit.squares
-        if stated is not None:
-            expected = fit.freedom * stated**2 + fit.left_of(maps)
+        if repeatability is not None:
+            expected = fit.freedom * repeatability**2 + fit.left_of(maps)
         return Noise(
             self.squares + fit.squares, self.freedom + fit.freedom, self.expected + expected
         )
@@ -174,16 +174,18 @@ class Noise:
         """By how many times what is left exceeds what was to be expected."""
         return float(np.sqrt(self.squares / self.expected)) if self.expected > 0.0 else 1.0
 
-    def variance(self, stated: float | None) -> float | None:
+    def variance(self, repeatability: float | None) -> float | None:
         """Give the variance of one observation; None where too little is known.
 
         Parameters
         ----------
-        stated
+        repeatability
             A stated standard deviation: it counts as much as so many observations.
         """
-        if stated is not None:
-            return (self.squares + DECLARED_WEIGHT * stated**2) / (self.freedom + DECLARED_WEIGHT)
+        if repeatability is not None:
+            return (self.squares + DECLARED_WEIGHT * repeatability**2) / (
+                self.freedom + DECLARED_WEIGHT
+            )
         if self.freedom < FEWEST_FREEDOM:
             return None
         # A variance from few observations may be too small by chance: two sigma up.
@@ -244,9 +246,11 @@ class WatchState:
         what set-ups seem to scatter by makes good what observations seem not to.
         """
         lengths = (name for name in self.noise if channel_unit(name) is Unit.UM)
-        own = [self.noise[name] for name in lengths]
-        ratios = np.array([one.ratio for one in own])
-        side = side_of(ratios, np.array([float(one.freedom) for one in own]))
+        length_noise = [self.noise[name] for name in lengths]
+        ratios = np.array([channel_noise.ratio for channel_noise in length_noise])
+        side = side_of(
+            ratios, np.array([float(channel_noise.freedom) for channel_noise in length_noise])
+        )
         if side == 0:
             return None
         return (
@@ -259,9 +263,9 @@ class WatchState:
     def most_sigmas(self) -> float | None:
         """Give the largest latest deviation over what was to be expected of it."""
         ratios = [
-            abs(one.value) / one.expected
-            for one in self.streams.values()
-            if one.value is not None and one.expected > 0.0
+            abs(stream.value) / stream.expected
+            for stream in self.streams.values()
+            if stream.value is not None and stream.expected > 0.0
         ]
         return max(ratios, default=None)
 
@@ -271,10 +275,10 @@ class WatchState:
         All components together; 0 before enough of them were seen again.
         """
         name = f"{KEY}{what}"
-        seen = [one for key, one in self.streams.items() if key.endswith(name)]
-        if sum(one.process.steps - 1 for one in seen) < FEWEST_SEEN_AGAIN:
+        seen = [stream for key, stream in self.streams.items() if key.endswith(name)]
+        if sum(stream.process.steps - 1 for stream in seen) < FEWEST_SEEN_AGAIN:
             return 0.0
-        return scatter_of_setups(np.sum([one.likelihoods for one in seen], axis=0))
+        return scatter_of_setups(np.sum([stream.likelihoods for stream in seen], axis=0))
 
     def evidence(self) -> float:
         """Average the evidence of all streams; 1 without any."""
@@ -290,7 +294,7 @@ class WatchState:
 
     def all_followed(self) -> list[Followed]:
         """Tell of all streams, the strongest evidence first."""
-        return sorted(map(self.followed, self.streams), key=lambda one: -one.evidence)
+        return sorted(map(self.followed, self.streams), key=lambda item: -item.evidence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,12 +402,12 @@ def watch(
         if state.beyond_since_s is None and state.evidence() >= LIMIT:
             state = replace(state, beyond_since_s=float(times_s[here].min()))
     latest = latest_residuals(sheet.residuals)
-    worst = max(checks.values(), key=lambda one: one.off / one.at_most, default=None)
+    worst = max(checks.values(), key=lambda item: item.off / item.at_most, default=None)
     figures = WatchFigures(state.evidence(), state.most_sigmas(), latest, worst)
     state = replace(state, figures=figures, checks=checks)
     judgement = _judgement(state, judged, farthest, len(visits), model_version)
-    said = judgement.summary + lone_words(lone, sheet.residuals.rows)
-    return replace(judgement, summary=said), state
+    summary = judgement.summary + lone_words(lone, sheet.residuals.rows)
+    return replace(judgement, summary=summary), state
 
 
 @dataclass(frozen=True, eq=False)
@@ -423,15 +427,15 @@ class _Sheet:
             residuals,
             residuals.as_rows(),
             _along_travels(residuals),
-            {one.channel: one for one in entries},
+            {entry.channel: entry for entry in entries},
         )
 
-    def maps(self, channel: int, own: IntArray) -> SparseArray:
+    def maps(self, channel: int, rows: IntArray) -> SparseArray:
         """Give what the maps' uncertainty may do to some rows of a channel, shape (m, p)."""
         if channel not in self.entries:
-            return sparse.csr_array((len(own), 0))
+            return sparse.csr_array((len(rows), 0))
         entries = self.entries[channel]
-        here = entries.columns[np.searchsorted(entries.rows, own)]
+        here = entries.columns[np.searchsorted(entries.rows, rows)]
         return here[:, np.unique(here.indices)]
 
 
@@ -467,18 +471,18 @@ def _after_channel(
     for all visits after it.
     """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
-    own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    rows_of_channel = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
     declared = rows.noise.get(channel)
-    stated = declared.repeatability if declared else None
-    fit = _Fit.of(rows.values[own], sheet.tilt[own])
-    lone = lone_values(own.tolist(), fit.left, stated)
+    repeatability = declared.repeatability if declared else None
+    fit = _Fit.of(rows.values[rows_of_channel], sheet.tilt[rows_of_channel])
+    lone = lone_values(rows_of_channel.tolist(), fit.residuals, repeatability)
     if lone:
-        own = np.setdiff1d(own, [one.row for one in lone])
-        fit = _Fit.of(rows.values[own], sheet.tilt[own])
-    maps = sheet.maps(channel, own)
-    noise = state.noise.get(name, Noise()).plus(fit, stated, maps)
+        rows_of_channel = np.setdiff1d(rows_of_channel, [value.row for value in lone])
+        fit = _Fit.of(rows.values[rows_of_channel], sheet.tilt[rows_of_channel])
+    maps = sheet.maps(channel, rows_of_channel)
+    noise = state.noise.get(name, Noise()).plus(fit, repeatability, maps)
     state = replace(state, noise={**state.noise, name: noise})
-    variance = noise.variance(stated)
+    variance = noise.variance(repeatability)
     if variance is None:
         return state, [], lone
     is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
@@ -500,27 +504,29 @@ def _check_figures(
     values are counted, and so is what neither a level nor a slope describes, as a reversal.
     """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
-    own = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-    values, freedom = rows.values[own], len(own)
+    rows_of_channel = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    values, freedom = rows.values[rows_of_channel], len(rows_of_channel)
     if rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE:
         values, freedom = values - values.mean(), freedom - 1
     declared = rows.noise.get(channel)
-    stated = declared.repeatability if declared else None
-    variance = state.noise[name].variance(None) if stated is None else stated**2
+    repeatability = declared.repeatability if declared else None
+    variance = state.noise[name].variance(None) if repeatability is None else repeatability**2
     if variance is None or not freedom:
         return None
-    maps = sheet.maps(channel, own).power(2).sum() / len(own)
+    maps = sheet.maps(channel, rows_of_channel).power(2).sum() / len(rows_of_channel)
     setups = variance * sum(
         before.setup_scatter(what) ** 2 * float(np.mean(column**2))
-        for what, column in zip(NUMBERS, (np.ones(len(own)), *sheet.tilt[own].T), strict=True)
+        for what, column in zip(
+            NUMBERS, (np.ones(len(rows_of_channel)), *sheet.tilt[rows_of_channel].T), strict=True
+        )
     )
     scatter, setup_scatter = float(np.sqrt(variance + maps)), float(np.sqrt(setups))
     of_each = CHECK_ALARM / np.unique(rows.channel[rows.visit == visit]).size
     return CheckFigures(
         name,
         channel_unit(name).symbol,
-        float(sheet.residuals.rows.times_s[own].max()),
-        len(own),
+        float(sheet.residuals.rows.times_s[rows_of_channel].max()),
+        len(rows_of_channel),
         float(np.sqrt(np.sum(values**2) / freedom)),
         scatter,
         setup_scatter,
@@ -540,14 +546,14 @@ def _along_travels(residuals: Residuals) -> FloatArray:
     Slopes of different verifications are then the same quantity.
     """
     points = residuals.rows.points_mm
-    found = np.zeros(points.shape)
+    along = np.zeros(points.shape)
     for i, axis in enumerate(LINEAR_LETTERS):
-        known = ~np.isnan(points[:, i])
+        present = ~np.isnan(points[:, i])
         travel = residuals.projection.model.machine.axes.get(axis)
-        ends = (travel.min_mm, travel.max_mm) if travel else _ends(points[known, i])
+        ends = (travel.min_mm, travel.max_mm) if travel else _ends(points[present, i])
         if ends[1] > ends[0]:
-            found[known, i] = (2.0 * points[known, i] - sum(ends)) / (ends[1] - ends[0])
-    return found
+            along[present, i] = (2.0 * points[present, i] - sum(ends)) / (ends[1] - ends[0])
+    return along
 
 
 def _ends(positions_mm: FloatArray) -> tuple[float, float]:
@@ -572,28 +578,28 @@ class _Fit:
     columns: FloatArray
     inverse: FloatArray
     values: FloatArray
-    left: FloatArray
+    residuals: FloatArray
     squares: float
     freedom: int
 
     @classmethod
     def of(cls, values: FloatArray, tilt: FloatArray) -> _Fit:
         columns = np.column_stack([np.ones(len(values)), tilt])
-        kept = [0, *(j for j in range(1, columns.shape[1]) if np.ptp(columns[:, j]) > 0)]
-        if len(kept) >= len(values):
-            kept = [0]
-        columns = columns[:, kept]
+        chosen = [0, *(j for j in range(1, columns.shape[1]) if np.ptp(columns[:, j]) > 0)]
+        if len(chosen) >= len(values):
+            chosen = [0]
+        columns = columns[:, chosen]
         inverse = np.linalg.pinv(columns)
-        found = inverse @ values
-        left = values - columns @ found
+        solution = inverse @ values
+        residuals = values - columns @ solution
         return cls(
-            tuple(NUMBERS[j] for j in kept),
+            tuple(NUMBERS[j] for j in chosen),
             columns,
             inverse,
-            found,
-            left,
-            float(np.sum(left**2)),
-            len(values) - len(kept),
+            solution,
+            residuals,
+            float(np.sum(residuals**2)),
+            len(values) - len(chosen),
         )
 
     def left_of(self, maps: SparseArray) -> float:
@@ -604,10 +610,10 @@ class _Fit:
     def numbers(self, variance: float, maps: SparseArray, is_zeroed: bool) -> list[VisitNumber]:
         """Give each number with its scatter by observations; of an unknown zero not the level."""
         scatter = variance * np.sum(self.inverse**2, axis=1)
-        known = np.sum(np.asarray(self.inverse @ maps) ** 2, axis=1)
+        of_maps = np.sum(np.asarray(self.inverse @ maps) ** 2, axis=1)
         return [
             VisitNumber(name, *(float(x) for x in numbers))
-            for name, *numbers in zip(self.names, self.values, scatter, known, strict=True)
+            for name, *numbers in zip(self.names, self.values, scatter, of_maps, strict=True)
             if not (is_zeroed and name == LEVEL)
         ]
 
@@ -617,7 +623,7 @@ def _judgement(
 ) -> Judgement:
     is_beyond = state.beyond_since_s is not None
     named = state.all_followed()[:MOST_NAMED] if is_beyond else []
-    changed = [one for one in named if one.evidence >= LIMIT] or named[:1]
+    changed = [followed for followed in named if followed.evidence >= LIMIT] or named[:1]
     sentence = _sentence(
         changed,
         judged,
@@ -659,19 +665,20 @@ def _sentence(
         return (
             "The machine agrees with its model within the scatter of measurement, set-up and maps."
         )
-    one = changed[0]
-    latest = f"{one.deviation:.2g} {one.unit}"
-    expected = f"±{one.expected_sd:.2g} {one.unit}"
+    strongest = changed[0]
+    latest = f"{strongest.deviation:.2g} {strongest.unit}"
+    expected = f"±{strongest.expected_sd:.2g} {strongest.unit}"
     # The evidence is of all visits: the latest alone may be where one visit was expected.
     how = (
         f"is off by {latest}, where {expected} was expected"
-        if abs(one.deviation) > PLAINLY * one.expected_sd
+        if abs(strongest.deviation) > PLAINLY * strongest.expected_sd
         else (
             f"has changed, as several visits together show (in the latest it is off by {latest}, "
             f"where {expected} was expected of a single visit)"
         )
     )
     return (
-        f"The machine no longer agrees with its model: the {one.what} of {one.component} {how}. A "
+        f"The machine no longer agrees with its model: the {strongest.what} of "
+        f"{strongest.component} {how}. A "
         f"false alarm ever happens on at most {FALSE_ALARM:.0%} of unchanged machines."
     )

@@ -86,13 +86,13 @@ def _remaining(run: int, stored: Sequence[int]) -> RemainingError:
     measured = run_map(run)
     maps = [run_map(number) for number in stored]
     predicted = _predicted_errors(maps, measured) if maps else {}
-    left: dict[Unit, list[FloatArray]] = {unit: [] for unit in _UNITS}
+    by_unit: dict[Unit, list[FloatArray]] = {unit: [] for unit in _UNITS}
     for code, table in measured.tables.items():
-        left[table.component.unit].append(table.errors - predicted.get(code, 0.0))
+        by_unit[table.component.unit].append(table.errors - predicted.get(code, 0.0))
     return RemainingError(
         measured.label,
         tuple(error_map.label for error_map in maps),
-        *(figure for residuals in left.values() for figure in _rms_and_max(residuals)),
+        *(figure for residuals in by_unit.values() for figure in _rms_and_max(residuals)),
     )
 
 

@@ -157,11 +157,11 @@ def _warming(code: str, settling_c: float, temperatures_c: Mapping[str, float]) 
     sensor = str(COMPONENTS[code].default_sensor)
     full_c = HOT_C[sensor] - COLD_C[sensor]
     rise_c = temperatures_c[sensor] - COLD_C[sensor]
-    own = float(np.expm1(-rise_c / settling_c) / np.expm1(-full_c / settling_c))
+    warmed = float(np.expm1(-rise_c / settling_c) / np.expm1(-full_c / settling_c))
     spindle = (temperatures_c["spindle"] - COLD_C["spindle"]) / (
         HOT_C["spindle"] - COLD_C["spindle"]
     )
-    return (1.0 - SPINDLE_SHARE) * own + SPINDLE_SHARE * spindle
+    return (1.0 - SPINDLE_SHARE) * warmed + SPINDLE_SHARE * spindle
 
 
 def _full_growth_um(code: str, displacement: _Displacement) -> float:

@@ -70,9 +70,9 @@ class BaseMachine:
 
     def with_sensitivities(self, factors: Mapping[str, float]) -> BaseMachine:
         """Make some components' thermal parts larger or smaller."""
-        known = self.sensitivities
-        changed = {code: known.get(code, 1.0) * factor for code, factor in factors.items()}
-        return replace(self, sensitivities={**known, **changed})
+        sensitivities = self.sensitivities
+        changed = {code: sensitivities.get(code, 1.0) * factor for code, factor in factors.items()}
+        return replace(self, sensitivities={**sensitivities, **changed})
 
     def without(self, codes: frozenset[str]) -> BaseMachine:
         """Leave components out of the machine and its maps."""

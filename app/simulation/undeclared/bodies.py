@@ -63,7 +63,7 @@ def one_verification(truth: Truth, history: History, conditions: Conditions) -> 
         )
     label = "record" if conditions.is_record else "all visits"
     observations = _observation_bodies(truth, history, conditions)
-    return {"label": label, **_stated(conditions), "observations": observations}
+    return {"label": label, **_declaration(conditions), "observations": observations}
 
 
 def many_verifications(
@@ -88,7 +88,7 @@ def many_verifications(
         zeroed once for all, the parts' zeros are said to be `free`.
     """
     observations = _observation_bodies(truth, history, conditions)
-    common = _stated(conditions)
+    common = _declaration(conditions)
     if conditions.datum != "absolute" and (conditions.one_verification or every_min):
         common["datum"] = "free"
     part = truth.observations.visit
@@ -106,7 +106,9 @@ def many_verifications(
     ]
 
 
-def prediction_bodies(asked: Observations, history: History, conditions: Conditions) -> list[Body]:
+def prediction_bodies(
+    observations: Observations, history: History, conditions: Conditions
+) -> list[Body]:
     """Write where and when errors are asked for, as `POST …/predictions` takes it.
 
     Parameters
@@ -118,35 +120,35 @@ def prediction_bodies(asked: Observations, history: History, conditions: Conditi
     -------
     list of dict
     """
-    times = _iso(asked.time_min, conditions)
-    states = _dicts({n: history.held(s, asked.time_min) for n, s in history.state.items()})
-    points, tools = asked.point_mm.tolist(), asked.tool_mm.tolist()
-    directions = asked.direction.tolist()
-    found = []
-    for i, number in enumerate(asked.component.tolist()):
+    times = _iso(observations.time_min, conditions)
+    states = _dicts({n: history.hold(s, observations.time_min) for n, s in history.state.items()})
+    points, tools = observations.point_mm.tolist(), observations.tool_mm.tolist()
+    directions = observations.direction.tolist()
+    bodies = []
+    for i, number in enumerate(observations.component.tolist()):
         where: Body
         if number == POINT:
             signs = {axis: _sign(d) for axis, d in zip(AXES, directions[i], strict=True)}
             where = {"point_mm": points[i], "tool_offset_mm": tools[i], "direction": signs}
         else:
             where = _on_line(CODES[number], points[i], directions[i])
-        found.append({"time": times[i], **where, "state": states[i]})
-    return found
+        bodies.append({"time": times[i], **where, "state": states[i]})
+    return bodies
 
 
-def _stated(conditions: Conditions) -> Body:
-    stated = conditions.repeatability_um if conditions.state_repeatability else None
-    return {"datum": conditions.datum, "repeatability_um": stated}
+def _declaration(conditions: Conditions) -> Body:
+    repeatability_um = conditions.repeatability_um if conditions.state_repeatability else None
+    return {"datum": conditions.datum, "repeatability_um": repeatability_um}
 
 
 def _observation_bodies(truth: Truth, history: History, conditions: Conditions) -> list[Body]:
-    asked = prediction_bodies(truth.told, history, conditions)
+    bodies = prediction_bodies(truth.reported, history, conditions)
     # The control's own log: nobody writes it down.
     states = prediction_bodies(truth.observations, history, conditions)
     measured = truth.by_observation(truth.measured_um)
     return [
         body | {"state": really["state"], "measured_um": value}
-        for body, really, value in zip(asked, states, measured, strict=True)
+        for body, really, value in zip(bodies, states, measured, strict=True)
     ]
 
 

@@ -173,10 +173,10 @@ def make_campaign(
     states = thermal_states(chance(seed, "states"), history, under)
     machine = make_machine(chance(seed, "machine"), states)
     machine, effects = plant_effects(seed, names, amplitudes, machine, history, planned, under)
-    told = told_by(effects, planned)
+    reported = told_by(effects, planned)
     is_cut = any(len(series) for effect in effects for series in effect.shown_c.values())
-    if told.time_min[-1] > history.minutes[-1] and not is_cut:
-        history = _until(whole, told.time_min[-1])
+    if reported.time_min[-1] > history.minutes[-1] and not is_cut:
+        history = _until(whole, reported.time_min[-1])
     return _measure(seed, names, effects, machine, history, planned, later, under)
 
 
@@ -218,7 +218,7 @@ def make_record(
     >>> len(record.verifications), len(record.as_many_verifications()), record.later.error_um() > 0
     (1, 6, True)
     """
-    stated = {"one_verification": True, **conditions}
+    settings = {"one_verification": True, **conditions}
     return make_campaign(
         seed,
         planted,
@@ -226,7 +226,7 @@ def make_record(
         visits=int(hours * 60.0 / every_min),
         observations_per_visit=observations,
         block_every_min=every_min,
-        **stated,
+        **settings,
     )
 
 
@@ -255,9 +255,9 @@ def _measure(
     maps = measure_maps(chance(seed, "maps"), machine, under)
     for effect in effects:
         maps = effect.maps(maps) if effect.maps else maps
-    shown = {sensor: series for e in effects for sensor, series in e.shown_c.items()}
+    faulty_c = {sensor: series for e in effects for sensor, series in e.shown_c.items()}
     starts_min = planned.time_min[np.unique(planned.visit, return_index=True)[1]]
-    record = read_sensors(chance(seed, "sensors"), history, under, shown, starts_min)
+    record = read_sensors(chance(seed, "sensors"), history, under, faulty_c, starts_min)
     observations = planned.without(machine.unmeasured)
     drawn = draw_scatter(chance(seed, "scatter"), planned, under)
     drawn = replace(drawn, instrument=drawn.instrument + length_errors(planned, history, under))
@@ -269,7 +269,7 @@ def _measure(
         truth,
         scatter=replace(scatter, datum=zero),
         measured_um=_read(measured + zero, under),
-        predicted_um=predict(maps, record, truth.told, history),
+        predicted_um=predict(maps, record, truth.reported, history),
         is_frozen=_frozen_values(record, observations),
     )
     identifier = f"undeclared-{seed}"
@@ -317,7 +317,7 @@ def _later(
     """Work out what is true where nobody measures."""
     base = evaluate(true_errors(machine), observations, history)
     # What was written wrongly beside one campaign's values says nothing of later ones.
-    lasting = [effect for effect in effects if effect.told is None]
+    lasting = [effect for effect in effects if effect.reported is None]
     each = [(effect, effect.contribution(observations, history)) for effect in lasting]
     nothing = np.zeros(base.size)
     return Later(
@@ -372,14 +372,14 @@ def _described(
 def _scatter_of(drawn: Scatter, planned: Observations, machine: BaseMachine) -> Scatter:
     """Leave out the scatter of lines that no map can be compared with."""
     lines = [planned.of(code) for code in machine.unmeasured]
-    kept = ~np.any([np.zeros(len(planned), dtype=bool), *lines], axis=0)[planned.of_value]
+    remaining = ~np.any([np.zeros(len(planned), dtype=bool), *lines], axis=0)[planned.of_value]
     return Scatter(
-        drawn.setup[kept],
-        drawn.noise[kept],
-        drawn.instrument[kept],
-        drawn.blunder[kept],
-        drawn.datum[kept],
-        drawn.is_blunder[kept],
+        drawn.setup[remaining],
+        drawn.noise[remaining],
+        drawn.instrument[remaining],
+        drawn.blunder[remaining],
+        drawn.datum[remaining],
+        drawn.is_blunder[remaining],
     )
 
 

@@ -42,7 +42,7 @@ class Effect:
         What faulty sensors show in all minutes of the history.
     maps
         Of a mistake in the stored maps: makes them of the measured ones.
-    told
+    reported
         Of a mistake in what is written beside the values: makes it of what was so. What the model
         makes of that instead is left; `errors` are then those of the machine.
     about_zero
@@ -64,21 +64,23 @@ class Effect:
     unmeasured: tuple[str, ...] = ()
     shown_c: Mapping[str, FloatArray] = field(default_factory=dict)
     maps: Callable[[MeasuredMaps], MeasuredMaps] | None = None
-    told: Callable[[Observations], Observations] | None = None
+    reported: Callable[[Observations], Observations] | None = None
     about_zero: bool = False
     in_library: bool = True
 
     def contribution(self, observations: Observations, history: History) -> FloatArray:
         """What it adds to the observed values, or a mistake to residuals: shape (m,)."""
-        found = evaluate(self.errors, observations, history)
-        if self.told is not None:
-            found = found - evaluate(self.errors, self.told(observations), history)
-        return self.strength * found
+        contribution = evaluate(self.errors, observations, history)
+        if self.reported is not None:
+            contribution = contribution - evaluate(
+                self.errors, self.reported(observations), history
+            )
+        return self.strength * contribution
 
     @property
     def is_of_machine(self) -> bool:
         """Whether the machine's error is another; else what is known of it is wrong."""
-        return not self.shown_c and self.maps is None and self.told is None
+        return not self.shown_c and self.maps is None and self.reported is None
 
     def with_strength(self, factor: float) -> Effect:
         """Make it stronger or weaker by a factor."""
@@ -141,5 +143,5 @@ def _times(value: float | list[float], factor: float) -> float | list[float]:
 def told_by(effects: Sequence[Effect], observations: Observations) -> Observations:
     """Write observations down as people did whose mistakes are among some effects."""
     for effect in effects:
-        observations = effect.told(observations) if effect.told else observations
+        observations = effect.reported(observations) if effect.reported else observations
     return observations

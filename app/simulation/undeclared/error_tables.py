@@ -51,8 +51,8 @@ class ErrorTable:
         ndarray, shape (n,)
         """
         entries, weights = self.weights(position_mm, temperature_c, clamp=clamp)
-        found: FloatArray = (self.errors.ravel()[entries] * weights).sum(axis=1)
-        return found
+        values: FloatArray = (self.errors.ravel()[entries] * weights).sum(axis=1)
+        return values
 
     def weights(
         self, position_mm: FloatArray, temperature_c: FloatArray, *, clamp: bool

@@ -57,11 +57,11 @@ class History:
         """Interpolate a series of minutes linearly to times."""
         return np.interp(time_min, self.minutes, series)
 
-    def held(self, series: FloatArray, time_min: FloatArray) -> FloatArray:
+    def hold(self, series: FloatArray, time_min: FloatArray) -> FloatArray:
         """Take a series as it stood at the beginning of each time's minute."""
         place = np.floor(np.asarray(time_min) - self.minutes[0]).astype(int)
-        found: FloatArray = series[np.clip(place, 0, series.size - 1)]
-        return found
+        values: FloatArray = series[np.clip(place, 0, series.size - 1)]
+        return values
 
     def temperature(self, sensor: str, time_min: FloatArray) -> FloatArray:
         """True temperature of a sensor's place at times [°C]."""
@@ -90,10 +90,10 @@ def low_pass(series: FloatArray, time_constant_min: float) -> FloatArray:
     >>> low_pass(np.array([0.0, 0.0, 1.0, 1.0]), 1.0).round(4).tolist()
     [0.0, 0.0, 0.3679, 0.7675]
     """
-    kept = np.exp(-1.0 / time_constant_min)
-    ramp = time_constant_min * (1.0 - kept)
+    decay = np.exp(-1.0 / time_constant_min)
+    ramp = time_constant_min * (1.0 - decay)
     # After a minute of a ramp from x0 to x1: y1 = kept·y0 + (1 − ramp)·x1 + (ramp − kept)·x0.
-    change = lfilter([1.0 - ramp, ramp - kept], [1.0, -kept], series - series[0])
+    change = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], series - series[0])
     followed: FloatArray = series[0] + change
     return followed
 

@@ -49,15 +49,15 @@ def volumetric_error(
     workpiece, _, tool = chain.lower().partition("f")
     walk = [(axis, True) for axis in reversed(tool)] + [(axis, False) for axis in workpiece]
     position = tools_mm / MM_PER_M
-    found = np.zeros(position.shape)
+    error = np.zeros(position.shape)
     for axis, is_tool_side in walk:
         i = AXES.index(axis)
         moved = position.copy()
         moved[:, i] += points_mm[:, i] / MM_PER_M
-        motion = _motion(errors, i, len(found))
-        found += motion[:, :3] + np.cross(motion[:, 3:], position if is_tool_side else moved)
+        motion = _motion(errors, i, len(error))
+        error += motion[:, :3] + np.cross(motion[:, 3:], position if is_tool_side else moved)
         position = moved
-    return found + _squareness(errors, points_mm / MM_PER_M)
+    return error + _squareness(errors, points_mm / MM_PER_M)
 
 
 def _motion(errors: Mapping[str, FloatArray], axis: int, n: int) -> FloatArray:
@@ -71,9 +71,9 @@ def _motion(errors: Mapping[str, FloatArray], axis: int, n: int) -> FloatArray:
 
 def _squareness(errors: Mapping[str, FloatArray], points_m: FloatArray) -> FloatArray:
     """E_x gains SXY·y + SZX·z, E_y gains SYZ·z."""
-    found = np.zeros(points_m.shape)
+    error = np.zeros(points_m.shape)
     for code, values in errors.items():
         component = COMPONENTS[code]
         if component.times is not None:
-            found[:, component.row] += values * points_m[:, component.times]
-    return found
+            error[:, component.row] += values * points_m[:, component.times]
+    return error

@@ -72,7 +72,7 @@ def entry_weights(
         Derivatives; the entries of the components' tables one after another.
     """
     rows = observations.of_value
-    found = np.zeros((rows.size, sum(table.errors.size for table in maps.tables.values())))
+    by_entry = np.zeros((rows.size, sum(table.errors.size for table in maps.tables.values())))
     first = 0
     for code, table in maps.tables.items():
         component = COMPONENTS[code]
@@ -83,9 +83,9 @@ def entry_weights(
         for corner in range(entries.shape[1]):
             places = first + entries[rows, corner]
             # Two corners are one entry where the table has a single position.
-            np.add.at(found, (np.arange(rows.size), places), lever * weights[rows, corner])
+            np.add.at(by_entry, (np.arange(rows.size), places), lever * weights[rows, corner])
         first += table.errors.size
-    return found
+    return by_entry
 
 
 def _lever(code: str, observations: Observations) -> FloatArray:

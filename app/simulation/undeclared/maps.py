@@ -70,16 +70,16 @@ def thermal_states(
     shares = np.linspace(0.0, 1.0, conditions.maps)
     apart = 1.0 / (conditions.maps - 1)
     shares[1:-1] += apart * rng.uniform(-0.16, 0.16, conditions.maps - 2)
-    found = {}
+    states = {}
     for sensor in SENSORS:
         seen = history.since_first_reading(history.temperatures_c[sensor])
         low, high = seen.min() - MARGIN_C, seen.max() + MARGIN_C
         inner = np.zeros(conditions.maps)
         inner[1:-1] = apart * rng.uniform(-0.06, 0.06, conditions.maps - 2)
-        found[sensor] = np.round(low + (shares + inner) * (high - low), 1)
-        found[sensor][0] = np.floor(low * 10) / 10
-        found[sensor][-1] = np.ceil(high * 10) / 10
-    return found
+        states[sensor] = np.round(low + (shares + inner) * (high - low), 1)
+        states[sensor][0] = np.floor(low * 10) / 10
+        states[sensor][-1] = np.ceil(high * 10) / 10
+    return states
 
 
 def measure_maps(

@@ -71,7 +71,7 @@ def _spread(
     days = [day for day in range(first, last) if not is_day_of_rest(day + HIDDEN_DAYS)]
     room = CLOSES_MIN - OPENS_MIN
     lasts = int(np.ceil(conditions.visit_min)) + 2
-    found = []
+    starts = []
     for i, day in enumerate(days):
         here = (i + 1) * visits // len(days) - i * visits // len(days)
         free = room - here * lasts
@@ -81,8 +81,8 @@ def _spread(
                 f"got {conditions.visit_days} days"
             )
         pauses = np.sort(rng.integers(0, free + 1, here))
-        found.append(day * DAY_MIN + OPENS_MIN + pauses + lasts * np.arange(here))
-    return np.concatenate(found).astype(float)
+        starts.append(day * DAY_MIN + OPENS_MIN + pauses + lasts * np.arange(here))
+    return np.concatenate(starts).astype(float)
 
 
 def plan_observations(
@@ -162,23 +162,23 @@ def _line(rng: np.random.Generator, code: str) -> list[_Row]:
     along = np.round((np.arange(POSITIONS_A_LINE) + offsets) / POSITIONS_A_LINE * travel, 3)
     again = int(rng.integers(POSITIONS_A_LINE))
     forward = np.insert(along, again, along[again])
-    found = []
+    rows = []
     for sign, positions in ((1, forward), (-1, forward[::-1])):
         direction, point = [0, 0, 0], [0.0, 0.0, 0.0]
         direction[component.axis] = sign
         for position in positions:
             point[component.axis] = float(position)
-            found.append(_Row(number, (point[0], point[1], point[2]), tuple(direction)))  # type: ignore[arg-type]
-    return found
+            rows.append(_Row(number, (point[0], point[1], point[2]), tuple(direction)))  # type: ignore[arg-type]
+    return rows
 
 
 def _points(rng: np.random.Generator, count: int) -> list[_Row]:
     """Measure points, a quarter of them twice."""
     different = count - count // 4
-    found = []
+    rows = []
     for _ in range(different):
         x, y, z = (round(rng.uniform(0.05, 0.95) * travel, 3) for travel in TRAVELS_MM)
         a, b, c = (int(sign) for sign in rng.choice([-1, 1], 3))
         length = float(rng.choice(TOOL_LENGTHS_MM))
-        found.append(_Row(POINT, (x, y, z), (a, b, c), (0.0, 0.0, length)))
-    return found + found[: count - different]
+        rows.append(_Row(POINT, (x, y, z), (a, b, c), (0.0, 0.0, length)))
+    return rows + rows[: count - different]

@@ -66,13 +66,13 @@ class Observations:
     @property
     def is_point(self) -> BoolArray:
         """Which are points: shape (n,)."""
-        found: BoolArray = self.component == POINT
-        return found
+        are_points: BoolArray = self.component == POINT
+        return are_points
 
     def of(self, code: str) -> BoolArray:
         """Which are observations of a component: shape (n,)."""
-        found: BoolArray = self.component == CODES.index(code)
-        return found
+        are_of: BoolArray = self.component == CODES.index(code)
+        return are_of
 
     def without(self, codes: Collection[str]) -> Observations:
         """Leave components' lines out: what no map has cannot be compared with one."""
@@ -87,19 +87,19 @@ class Observations:
     def shaped(self, values: ArrayLike) -> list[float | list[float]]:
         """Give values, shape (m,), the observations' shape: a number each, three for a point."""
         plain = np.asarray(values).tolist()
-        found: list[float | list[float]] = []
+        nested: list[float | list[float]] = []
         place = 0
         for is_point in self.is_point.tolist():
-            found.append(plain[place : place + 3] if is_point else plain[place])
+            nested.append(plain[place : place + 3] if is_point else plain[place])
             place += 3 if is_point else 1
-        return found
+        return nested
 
     @property
     def coordinate(self) -> IntArray:
         """0, 1, 2 for a point's x, y, z; −1 for a component's value: shape (m,)."""
-        found = np.full(self.of_value.size, -1)
-        found[self.is_point[self.of_value]] = np.tile(np.arange(3), int(self.is_point.sum()))
-        return found
+        coordinate = np.full(self.of_value.size, -1)
+        coordinate[self.is_point[self.of_value]] = np.tile(np.arange(3), int(self.is_point.sum()))
+        return coordinate
 
     @property
     def group(self) -> np.ndarray:
@@ -137,7 +137,7 @@ class Circumstances:
 
     def state(self, name: str) -> FloatArray:
         """State of the machine as it is logged."""
-        return self.history.held(self.history.state[name], self.time_min)
+        return self.history.hold(self.history.state[name], self.time_min)
 
     def at(self, series: FloatArray) -> FloatArray:
         """Interpolate a series of the history's minutes."""
@@ -163,17 +163,17 @@ def evaluate(
     ndarray, shape (m,)
         Values in each component's unit, at points µm.
     """
-    found = np.zeros((len(observations), 3))
+    values = np.zeros((len(observations), 3))
     points = observations[observations.is_point]
     at_points = {}
     for code, error in errors.items():
         here = observations.of(code)
-        found[here, 0] = error(Circumstances(observations[here], history))
+        values[here, 0] = error(Circumstances(observations[here], history))
         at_points[code] = error(Circumstances(points, history))
-    found[observations.is_point] = volumetric_error(
+    values[observations.is_point] = volumetric_error(
         CHAIN, at_points, points.point_mm, points.tool_mm
     )
-    return found[observations.of_value, np.maximum(observations.coordinate, 0)]
+    return values[observations.of_value, np.maximum(observations.coordinate, 0)]
 
 
 def true_errors(machine: BaseMachine) -> dict[str, ErrorFunction]:

@@ -109,16 +109,16 @@ def fit_oracle(
     fits = []
     for chosen, of_chosen in ((columns, effects), (columns[:, :0], effects[:, :0])):
         fit = _fit(of_chosen, others, prior, residual[:, 0])
-        left = truth.residual_um - chosen @ fit.amplitudes - nuisance @ fit.nuisances
-        fits.append((fit, _without_zero(left, truth, conditions)))
-    (fit, left), (_, left_without) = fits
+        residuals = truth.residual_um - chosen @ fit.amplitudes - nuisance @ fit.nuisances
+        fits.append((fit, _without_zero(residuals, truth, conditions)))
+    (fit, residuals), (_, left_without) = fits
     test = sound & held_out
     total = truth.scatter.setup + truth.scatter.noise
     return OracleFit(
         fit.amplitudes,
         fit.standard_errors,
-        _rms(left[sound & ~held_out]),
-        _rms(left[test]),
+        _rms(residuals[sound & ~held_out]),
+        _rms(residuals[test]),
         _rms(left_without[test]),
         _rms(_without_zero(total, truth, conditions)[test]),
     )
@@ -139,9 +139,9 @@ def _fit(effects: FloatArray, nuisance: FloatArray, prior: FloatArray, values: F
             return np.zeros((0, *rows.shape[1:]))
         return np.asarray(cho_solve(normal, nuisance.T @ rows), dtype=np.float64)
 
-    left = effects - nuisance @ of_nuisance(effects)
-    covariance = np.asarray(np.linalg.pinv(effects.T @ left, hermitian=True), dtype=np.float64)
-    amplitudes = covariance @ (left.T @ values)
+    remaining = effects - nuisance @ of_nuisance(effects)
+    covariance = np.asarray(np.linalg.pinv(effects.T @ remaining, hermitian=True), dtype=np.float64)
+    amplitudes = covariance @ (remaining.T @ values)
     nuisances = of_nuisance(values - effects @ amplitudes)
     return _Fit(amplitudes, np.sqrt(np.diag(covariance)), nuisances)
 
@@ -173,14 +173,14 @@ def _whitened(
     wander = np.hstack([np.full((block.size, 1), wander_um), wander_tilt_um * along])
     at_min = observations.time_min[observations.of_value][chosen]
     order = np.argsort(block, kind="stable")
-    found = np.empty(rows.shape)
+    whitened = np.empty(rows.shape)
     for here in np.split(order, np.flatnonzero(np.diff(block[order])) + 1):
         covariance = noise**2 * np.eye(here.size) + shape[here] @ shape[here].T
         apart_min = np.abs(at_min[here, None] - at_min[here])
         together = np.exp(-apart_min / conditions.wander_min)
         covariance += together * (wander[here] @ wander[here].T)
-        found[here] = np.linalg.solve(np.linalg.cholesky(covariance), rows[here])
-    return found
+        whitened[here] = np.linalg.solve(np.linalg.cholesky(covariance), rows[here])
+    return whitened
 
 
 def _zero_by_visit(conditions: Conditions) -> bool:

@@ -80,11 +80,11 @@ def plant_effects(
     ValueError
         If there is no such effect, or no component is left for it.
     """
-    found: dict[int, Effect] = {}
+    effects: dict[int, Effect] = {}
     parsed = [_parse(name) for name in names]
     for i in sorted(range(len(names)), key=lambda i: _rank(parsed[i][0])):
         kind, family, variant = parsed[i]
-        others = found.values()
+        others = effects.values()
         setting = Setting(
             machine,
             history,
@@ -96,10 +96,10 @@ def plant_effects(
             chance(seed, f"effect {i} {kind}"),
         )
         effect = _plant(setting, family, variant)
-        found[i] = effect
+        effects[i] = effect
         machine = machine.with_sensitivities(dict.fromkeys(effect.sensitive, effect.strength))
         machine = machine.without(frozenset(effect.unmeasured))
-    return machine, [found[i] for i in range(len(names))]
+    return machine, [effects[i] for i in range(len(names))]
 
 
 def _plant(setting: Setting, family: Family, variant: str | None) -> Effect:

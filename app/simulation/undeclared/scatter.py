@@ -113,18 +113,18 @@ def instrument_errors(
     group = group_of_values(observations)
     value_min = observations.time_min[observations.of_value]
     of_wander, of_drift, of_warm_up = rng.spawn(3)
-    found = np.zeros(group.size)
+    errors = np.zeros(group.size)
     if conditions.wander_um or conditions.wander_tilt_um:
         paths = wander_paths(of_wander, observations.time_min, conditions.wander_min)
         here = paths[observations.of_value, group]
-        found += conditions.wander_um * here[:, 0]
-        found += conditions.wander_tilt_um * (here[:, 1:] * setup_shape(observations)).sum(axis=1)
+        errors += conditions.wander_um * here[:, 0]
+        errors += conditions.wander_tilt_um * (here[:, 1:] * setup_shape(observations)).sum(axis=1)
     since_min = value_min - _begun_min(observations, conditions)
     rates = of_drift.standard_normal(len(GROUPS))
-    found += conditions.instrument_drift_um_per_h * rates[group] * since_min / 60.0
+    errors += conditions.instrument_drift_um_per_h * rates[group] * since_min / 60.0
     ends = of_warm_up.standard_normal(len(GROUPS))
-    found += conditions.warm_up_um * ends[group] * -np.expm1(-since_min / conditions.warm_up_min)
-    return found
+    errors += conditions.warm_up_um * ends[group] * -np.expm1(-since_min / conditions.warm_up_min)
+    return errors
 
 
 def length_errors(
@@ -138,17 +138,17 @@ def length_errors(
     -------
     ndarray, shape (m,) [µm]
     """
-    found = np.zeros(observations.of_value.size)
+    errors = np.zeros(observations.of_value.size)
     if not conditions.length_um_per_m_per_k:
-        return found
+        return errors
     warm_c = history.temperature(conditions.length_sensor, observations.time_min)
     above_k = (warm_c - conditions.length_assumed_c)[observations.of_value]
     group = observations.group
     for i, axis in enumerate(AXES):
-        own = (group == axis) | (group == f"E{axis}{axis}".upper())
+        along = (group == axis) | (group == f"E{axis}{axis}".upper())
         length_m = observations.point_mm[observations.of_value, i] / MM_PER_M
-        found[own] = (conditions.length_um_per_m_per_k * above_k * length_m)[own]
-    return found
+        errors[along] = (conditions.length_um_per_m_per_k * above_k * length_m)[along]
+    return errors
 
 
 def wander_paths(
@@ -168,9 +168,9 @@ def wander_paths(
     ndarray, shape (n, groups, 4)
         A shift and three tilts of each group.
     """
-    kept = np.exp(-np.diff(time_min) / correlation_min)
+    correlations = np.exp(-np.diff(time_min) / correlation_min)
     paths = rng.standard_normal((time_min.size, len(GROUPS), 4))
-    for i, rho in enumerate(kept, start=1):
+    for i, rho in enumerate(correlations, start=1):
         paths[i] = rho * paths[i - 1] + np.sqrt(1 - rho**2) * paths[i]
     return paths
 
@@ -205,8 +205,8 @@ def _setup(
     tilt = rng.standard_normal((setups * len(GROUPS), 3)).reshape(setups, -1)
     shift = conditions.setup_shift_um * _following(shift, rho).ravel()
     tilt = conditions.setup_tilt_um * _following(tilt, rho).reshape(-1, 3)
-    found: FloatArray = shift[block] + (tilt[block] * setup_shape(observations)).sum(axis=1)
-    return found
+    shifts: FloatArray = shift[block] + (tilt[block] * setup_shape(observations)).sum(axis=1)
+    return shifts
 
 
 def _following(draws: FloatArray, rho: float) -> FloatArray:
@@ -220,12 +220,12 @@ def _following(draws: FloatArray, rho: float) -> FloatArray:
 def _lingering(rng: np.random.Generator, block: IntArray, conditions: Conditions) -> FloatArray:
     """First-order autoregressive scatter within each block of values."""
     rho = conditions.ar1_correlation
-    found = np.zeros(block.size)
+    lingering = np.zeros(block.size)
     draws = rng.standard_normal(block.size)
     for number in np.unique(block):
         here = np.flatnonzero(block == number)
-        found[here] = _following(draws[here], rho)
-    return conditions.ar1_um * found
+        lingering[here] = _following(draws[here], rho)
+    return conditions.ar1_um * lingering
 
 
 def datum_groups(observations: Observations, conditions: Conditions) -> IntArray:

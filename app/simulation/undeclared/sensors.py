@@ -69,20 +69,20 @@ def read_sensors(
     """
     minutes = history.since_first_reading(history.minutes)
     noise = rng.standard_normal((len(SENSORS), minutes.size)) * conditions.sensor_noise_c
-    said = {}
+    read_c = {}
     for sensor, of_sensor in zip(SENSORS, noise, strict=True):
-        shown = history.since_first_reading(faulty_c.get(sensor, history.temperatures_c[sensor]))
-        held = np.zeros(shown.shape, dtype=bool)
+        sensor_c = history.since_first_reading(faulty_c.get(sensor, history.temperatures_c[sensor]))
+        is_still = np.zeros(sensor_c.shape, dtype=bool)
         if sensor in faulty_c:
-            held[1:] = np.diff(shown) == 0
-        said[sensor] = _rounded(_hold(shown + of_sensor, held), conditions.quantum_c)
+            is_still[1:] = np.diff(sensor_c) == 0
+        read_c[sensor] = _rounded(_hold(sensor_c + of_sensor, is_still), conditions.quantum_c)
     standstills = tuple(
         _standstill(rng, visit_starts_min, minutes) for _ in range(conditions.frozen)
     )
     for still in standstills:
         frozen = (minutes > still.from_min) & (minutes < still.to_min)
-        said[still.sensor] = _hold(said[still.sensor], frozen)
-    return SensorRecord(minutes, said, standstills)
+        read_c[still.sensor] = _hold(read_c[still.sensor], frozen)
+    return SensorRecord(minutes, read_c, standstills)
 
 
 def _rounded(values: FloatArray, quantum_c: float) -> FloatArray:
@@ -92,9 +92,9 @@ def _rounded(values: FloatArray, quantum_c: float) -> FloatArray:
     return np.round(np.round(values / quantum_c) * quantum_c, 6)
 
 
-def _hold(values: FloatArray, held: np.ndarray) -> FloatArray:
+def _hold(values: FloatArray, is_still: np.ndarray) -> FloatArray:
     """Repeat the last value that was not held."""
-    place = np.where(held, 0, np.arange(values.size))
+    place = np.where(is_still, 0, np.arange(values.size))
     return values[np.maximum.accumulate(place)]
 
 

@@ -95,13 +95,13 @@ class Setting:
     def choose_other_sensor(self, than: str, but: Collection[str] = ()) -> str:
         """Choose a sensor, none of some, that does not simply read the same as another."""
         times = self.visit_times_min
-        known = self.history.temperature(than, times)
+        series = self.history.temperature(than, times)
         others = [
             sensor
             for sensor in SENSORS
             if sensor != than
             and sensor not in but
-            and np.corrcoef(known, self.history.temperature(sensor, times))[0, 1] < TOO_ALIKE
+            and np.corrcoef(series, self.history.temperature(sensor, times))[0, 1] < TOO_ALIKE
         ]
         if not others:
             raise NothingToSee(f"no sensor that differs from {than}")
@@ -156,17 +156,17 @@ class Setting:
         def undeclared(circumstances: Circumstances) -> FloatArray:
             if not self.conditions.maps_contain_effect:
                 return driver(circumstances) - float(at_maps[nodes.size // 2])
-            known = np.interp(circumstances.temperature(sensor), nodes, at_maps)
-            beyond: FloatArray = driver(circumstances) - known
+            in_maps = np.interp(circumstances.temperature(sensor), nodes, at_maps)
+            beyond: FloatArray = driver(circumstances) - in_maps
             return beyond
 
         return undeclared
 
     def amplitude(self, effect: Effect) -> float:
         """Amplitude of an effect as it is, in what can be observed [µm, µrad, µm/m]."""
-        left = self.observations.without(self.machine.unmeasured.union(effect.unmeasured))
-        contribution = effect.contribution(left, self.history)
-        return amplitude_of(contribution, left, effect.about_zero)
+        usable = self.observations.without(self.machine.unmeasured.union(effect.unmeasured))
+        contribution = effect.contribution(usable, self.history)
+        return amplitude_of(contribution, usable, effect.about_zero)
 
     def scaled(self, effect: Effect) -> Effect:
         """Give an effect the wanted amplitude.

@@ -129,8 +129,8 @@ def make_network(rng: np.random.Generator) -> ThermalNetwork:
     to_air = vary(np.array(list(TO_AIR_W_PER_K.values())))
     between = np.zeros((len(BODIES), len(BODIES)))
     values = vary(np.array(list(LINKS_W_PER_K.values())))
-    for (one, other), value in zip(LINKS_W_PER_K, values, strict=True):
-        i, j = BODIES.index(one), BODIES.index(other)
+    for (first, other), value in zip(LINKS_W_PER_K, values, strict=True):
+        i, j = BODIES.index(first), BODIES.index(other)
         between[i, j] = between[j, i] = value
     return ThermalNetwork(capacities, np.diag(between.sum(axis=1) + to_air) - between, to_air)
 
@@ -151,6 +151,6 @@ def room_temperature(rng: np.random.Generator, minutes: FloatArray) -> FloatArra
     days = minutes / 1440.0
     wave = swing * np.sin(2 * np.pi * (days - 10.0 / 24.0))
     # The walk is drawn back within a day, or weeks would carry it out of the hall.
-    kept = np.exp(-1.0 / 1440.0)
-    steps = rng.standard_normal(minutes.size) * 0.8 * np.sqrt(1 - kept**2)
-    return rng.uniform(20.0, 22.5) + wave + lfilter([1.0], [1.0, -kept], steps)
+    decay = np.exp(-1.0 / 1440.0)
+    steps = rng.standard_normal(minutes.size) * 0.8 * np.sqrt(1 - decay**2)
+    return rng.uniform(20.0, 22.5) + wave + lfilter([1.0], [1.0, -decay], steps)

@@ -38,7 +38,7 @@ class Truth:
         What measuring added, part by part: `measured_um` − `true_um` but for rounding.
     is_frozen : ndarray of bool, shape (m,)
         Values at whose time a sensor of theirs stood still.
-    told
+    reported
         Where and when, as it was written down.
     """
 
@@ -53,7 +53,7 @@ class Truth:
     predicted_um: FloatArray
     scatter: Scatter
     is_frozen: BoolArray
-    told: Observations
+    reported: Observations
 
     @property
     def contribution_um(self) -> FloatArray:

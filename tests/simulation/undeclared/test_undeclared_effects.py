@@ -242,7 +242,7 @@ def test_a_state_acts_at_once(campaign_of, variant, power):
     campaign = campaign_of(4, f"state-variable:{variant}", 1.5)
     code, line, contribution = one_line(campaign)
     parameters = campaign.truth.effects[0]["parameters"]
-    state = campaign.history.held(campaign.history.state[parameters["state"]], line.time_min)
+    state = campaign.history.hold(campaign.history.state[parameters["state"]], line.time_min)
     full_scale = {"spindle_rpm": 12_000.0, "payload_kg": 300.0, "feed_mm_per_min": 15_000.0}
     share = (state / full_scale[parameters["state"]]) ** power
     level, slope = (v for k, v in parameters.items() if k.endswith("_at_full_scale"))

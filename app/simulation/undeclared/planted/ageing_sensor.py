@@ -26,5 +26,5 @@ def plant(setting: Setting, variant: str) -> Effect:
     grown = np.maximum(setting.history.minutes - since_min, 0.0) / DAY_MIN
     shown_c = setting.history.temperatures_c[sensor] + at_end_c / days * grown
     parameters = {"bias_c_per_day": at_end_c / days, "since_min": since_min}
-    made = misread(setting, "ageing-sensor", variant, {sensor: shown_c}, dict(parameters))
-    return fitted(setting, made)
+    effect = misread(setting, "ageing-sensor", variant, {sensor: shown_c}, dict(parameters))
+    return fitted(setting, effect)

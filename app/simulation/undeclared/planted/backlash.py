@@ -17,9 +17,9 @@ VARIANTS: Final = ("constant", "along-axis")
 
 def plant(setting: Setting, variant: str) -> Effect:
     """Give one axis a reversal error: usually in its own direction, now and then across."""
-    own = [code for code in TRANSLATIONS if COMPONENTS[code].row == COMPONENTS[code].axis]
-    across = [code for code in TRANSLATIONS if code not in own]
-    code = setting.choose_component(own if setting.rng.uniform() < 0.7 else across)
+    along = [code for code in TRANSLATIONS if COMPONENTS[code].row == COMPONENTS[code].axis]
+    across = [code for code in TRANSLATIONS if code not in along]
+    code = setting.choose_component(along if setting.rng.uniform() < 0.7 else across)
     slope = 0.0 if variant == "constant" else float(setting.rng.choice([-1, 1]))
     profile = Profile(code, -1.0, slope * setting.rng.uniform(0.4, 0.8))
     axis = COMPONENTS[code].axis or 0

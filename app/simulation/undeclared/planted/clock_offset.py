@@ -23,7 +23,7 @@ def plant(setting: Setting, variant: str) -> Effect:
         offset_min = float(setting.rng.choice([-1.0, 1.0]) * setting.rng.uniform(*SOME_MIN))
     codes = tuple(sorted(setting.machine.measured_codes))
 
-    def told(observations: Observations) -> Observations:
+    def reported(observations: Observations) -> Observations:
         return replace(observations, time_min=observations.time_min + offset_min)
 
     return fitted(
@@ -35,6 +35,6 @@ def plant(setting: Setting, variant: str) -> Effect:
             true_errors(setting.machine),
             parameters={"noted_later_by_min": offset_min},
             sensitive=codes,
-            told=told,
+            reported=reported,
         ),
     )

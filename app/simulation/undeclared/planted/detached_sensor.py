@@ -22,5 +22,5 @@ def plant(setting: Setting, variant: str) -> Effect:
     share = float(setting.rng.uniform(*SHARES))
     true_c = setting.history.temperatures_c
     shown_c = share * true_c[sensor] + (1.0 - share) * true_c["ambient"]
-    made = misread(setting, "detached-sensor", variant, {sensor: shown_c}, {"share": share})
-    return replace(fitted(setting, made), sensors=(sensor, "ambient"))
+    effect = misread(setting, "detached-sensor", variant, {sensor: shown_c}, {"share": share})
+    return replace(fitted(setting, effect), sensors=(sensor, "ambient"))

@@ -18,10 +18,10 @@ VARIANTS: Final = ("both-followed", "one-followed")
 def plant(setting: Setting, variant: str) -> Effect:
     """Exchange the two sensors that components follow, or one of them and another."""
     if variant == "both-followed":
-        one, other = ASSIGNED_SENSORS
+        first, other = ASSIGNED_SENSORS
     else:
-        one = str(setting.rng.choice(ASSIGNED_SENSORS))
-        other = setting.choose_other_sensor(one, but=ASSIGNED_SENSORS)
+        first = str(setting.rng.choice(ASSIGNED_SENSORS))
+        other = setting.choose_other_sensor(first, but=ASSIGNED_SENSORS)
     true_c = setting.history.temperatures_c
-    shown_c = {one: true_c[other], other: true_c[one]}
+    shown_c = {first: true_c[other], other: true_c[first]}
     return fitted(setting, misread(setting, "exchanged-sensors", variant, shown_c, {}))

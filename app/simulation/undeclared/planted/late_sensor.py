@@ -20,5 +20,5 @@ def plant(setting: Setting, variant: str) -> Effect:
     late_min = float(setting.rng.uniform(*LATE_MIN))
     history = setting.history
     shown_c = history.at(history.temperatures_c[sensor], history.minutes - late_min)
-    made = misread(setting, "late-sensor", variant, {sensor: shown_c}, {"late_min": late_min})
-    return fitted(setting, made)
+    effect = misread(setting, "late-sensor", variant, {sensor: shown_c}, {"late_min": late_min})
+    return fitted(setting, effect)

@@ -45,7 +45,7 @@ def plant(setting: Setting, variant: str) -> Effect:
         "map-factor",
         variant,
         codes,
-        {code: _left(machine.table(code), code, wrong, factor) for code in codes},
+        {code: _residual_error(machine.table(code), code, wrong, factor) for code in codes},
         parameters={"map": label, "stored_times": factor},
         maps=partial(_stored, codes, wrong, factor),
     )
@@ -62,7 +62,7 @@ def _stored(
     return replace(maps, tables={**maps.tables, **anew})
 
 
-def _left(table: ErrorTable, code: str, wrong: BoolArray, factor: float) -> ErrorFunction:
+def _residual_error(table: ErrorTable, code: str, wrong: BoolArray, factor: float) -> ErrorFunction:
     """Make the true error minus what exact maps say that are stored so."""
     component, stored = COMPONENTS[code], _scaled(table, wrong, factor)
 

@@ -49,7 +49,7 @@ def plant(setting: Setting, variant: str) -> Effect:
         "map-temperature",
         variant,
         codes,
-        {code: _left(setting.machine.table(code), code, noted) for code in codes},
+        {code: _residual_error(setting.machine.table(code), code, noted) for code in codes},
         sensors=(sensor,),
         parameters={
             "map": f"State {row + 1}",
@@ -69,7 +69,7 @@ def _stored(
     return MeasuredMaps({**maps.tables, **tables}, {**maps.temperatures_c, sensor: noted_c})
 
 
-def _left(table: ErrorTable, code: str, noted_c: FloatArray) -> ErrorFunction:
+def _residual_error(table: ErrorTable, code: str, noted_c: FloatArray) -> ErrorFunction:
     """Make the true error minus what exact maps say on the scale that was noted."""
     component, stored = COMPONENTS[code], table.with_temperatures(noted_c)
 

@@ -28,12 +28,12 @@ def plant(setting: Setting, variant: str) -> Effect:
     codes = tuple(c for c in codes if c in setting.machine.measured_codes)
     numbers = [CODES.index(code) for code in codes]
 
-    def told(observations: Observations) -> Observations:
-        own = np.isin(observations.component, numbers)
-        own |= observations.is_point & (variant == "axis")
+    def reported(observations: Observations) -> Observations:
+        mirrored = np.isin(observations.component, numbers)
+        mirrored |= observations.is_point & (variant == "axis")
         point_mm, direction = observations.point_mm.copy(), observations.direction.copy()
-        point_mm[own, axis] = TRAVELS_MM[axis] - point_mm[own, axis]
-        direction[own, axis] *= -1
+        point_mm[mirrored, axis] = TRAVELS_MM[axis] - point_mm[mirrored, axis]
+        direction[mirrored, axis] *= -1
         return replace(observations, point_mm=point_mm, direction=direction)
 
     return Effect(
@@ -42,5 +42,5 @@ def plant(setting: Setting, variant: str) -> Effect:
         codes,
         true_errors(setting.machine),
         parameters={"axis": AXES[axis]},
-        told=told,
+        reported=reported,
     )

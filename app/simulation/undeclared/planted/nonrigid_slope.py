@@ -27,8 +27,8 @@ VARIANTS: Final = ("linear", "angular")
 def plant(setting: Setting, variant: str) -> Effect:
     """Let one component grow with the position of another axis."""
     code = setting.choose_component(TRANSLATIONS if variant == "linear" else _levered())
-    own = COMPONENTS[code].axis
-    other = int(setting.rng.choice([i for i in range(3) if i != own]))
+    axis = COMPONENTS[code].axis
+    other = int(setting.rng.choice([i for i in range(3) if i != axis]))
     profile = Profile(code, float(setting.rng.uniform(-0.3, 0.3)), 1.0)
 
     def coordinate_m(circumstances: Circumstances) -> FloatArray:

@@ -64,13 +64,13 @@ def _with_spikes(setting: Setting, sensor: str) -> Effect:
     size = float(setting.rng.uniform(*SPIKES_C) * setting.rng.choice([-1.0, 1.0]))
     jumps = setting.rng.uniform(size=minutes.size) < SHARE_OF_SPIKES
     sizes = setting.rng.uniform(0.5, 1.5, minutes.size)
-    shown = setting.history.temperatures_c[sensor] + size * sizes * jumps * (minutes >= from_min)
+    read_c = setting.history.temperatures_c[sensor] + size * sizes * jumps * (minutes >= from_min)
     parameters: dict[str, Parameter] = {
         "from_min": from_min,
         "spike_c": size,
         "share_of_readings": SHARE_OF_SPIKES,
     }
-    return _effect(setting, "spikes", sensor, shown, parameters)
+    return _effect(setting, "spikes", sensor, read_c, parameters)
 
 
 def _stuck(setting: Setting, sensor: str) -> Effect:
@@ -87,10 +87,10 @@ def _standstill(setting: Setting, sensor: str) -> Effect:
     from_min = np.floor(setting.choose_moment_min(0.1, 0.8))
     lasts = np.floor(np.exp(setting.rng.uniform(np.log(180.0), np.log(6000.0))))
     to_min = min(from_min + lasts, float(minutes[-1]))
-    held = (minutes >= from_min) & (minutes < to_min)
-    shown = np.where(held, setting.history.at(true_c, np.array([from_min]))[0], true_c)
+    is_stuck = (minutes >= from_min) & (minutes < to_min)
+    read_c = np.where(is_stuck, setting.history.at(true_c, np.array([from_min]))[0], true_c)
     parameters: dict[str, Parameter] = {"from_min": float(from_min), "to_min": float(to_min)}
-    return _effect(setting, "stuck", sensor, shown, parameters)
+    return _effect(setting, "stuck", sensor, read_c, parameters)
 
 
 def fitted(setting: Setting, effect: Effect) -> Effect:

@@ -50,7 +50,7 @@ def plant(setting: Setting, variant: str) -> Effect:
     def driver(circumstances: Circumstances) -> FloatArray:
         if is_late:
             return circumstances.at(series)
-        return circumstances.history.held(series, circumstances.time_min)
+        return circumstances.history.hold(series, circumstances.time_min)
 
     return setting.scaled(
         Effect(

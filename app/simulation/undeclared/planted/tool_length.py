@@ -23,15 +23,15 @@ OFF_MM: Final = (100.0, 200.0)
 def plant(setting: Setting, variant: str) -> Effect:
     """State one tool, or all of them, too long."""
     lengths = np.linalg.norm(setting.observations.tool_mm, axis=1).round(3)
-    known = np.unique(lengths[lengths > 0.0])
-    length_mm = float(setting.rng.choice(known))
+    tools_in_use = np.unique(lengths[lengths > 0.0])
+    length_mm = float(setting.rng.choice(tools_in_use))
     off_mm = float(np.round(setting.rng.uniform(*OFF_MM)))
 
-    def told(observations: Observations) -> Observations:
+    def reported(observations: Observations) -> Observations:
         size = np.linalg.norm(observations.tool_mm, axis=1)
-        own = size > 0.0 if variant == "every-tool" else size.round(3) == length_mm
+        concerned = size > 0.0 if variant == "every-tool" else size.round(3) == length_mm
         tool_mm = observations.tool_mm.copy()
-        tool_mm[own] *= (1.0 + off_mm / size[own])[:, None]
+        tool_mm[concerned] *= (1.0 + off_mm / size[concerned])[:, None]
         return replace(observations, tool_mm=tool_mm)
 
     return Effect(
@@ -43,5 +43,5 @@ def plant(setting: Setting, variant: str) -> Effect:
             "longer_by_mm": -off_mm,
             "tool_mm": length_mm if variant == "one-tool" else 0.0,
         },
-        told=told,
+        reported=reported,
     )

@@ -35,7 +35,7 @@ def plant(setting: Setting, variant: str) -> Effect:
             "wrong-map",
             variant,
             (code,),
-            {code: _left(table, code)},
+            {code: _residual_error(table, code)},
             sensors=(COMPONENTS[code].sensor,),
             parameters={"map": f"State {row + 1}"},
             strengths={f"legendre_{COMPONENTS[code].unit}": legendre},
@@ -57,7 +57,7 @@ def _stored(code: str, lacking: FloatArray, maps: MeasuredMaps) -> MeasuredMaps:
     return replace(maps, tables={**maps.tables, code: table.with_errors(table.errors - lacking)})
 
 
-def _left(lacking: ErrorTable, code: str) -> ErrorFunction:
+def _residual_error(lacking: ErrorTable, code: str) -> ErrorFunction:
     """Make the true error minus what the maps say."""
     component = COMPONENTS[code]
 

@@ -51,5 +51,5 @@ def random_switch(rng: np.random.Generator, may: BoolArray, mean_min: float) -> 
     durations = rng.exponential(mean_min, int(3 * may.size / mean_min) + 20)
     turns = np.cumsum(durations)
     state = np.searchsorted(turns, np.arange(may.size)) % 2
-    found: FloatArray = state * may.astype(float)
-    return found
+    switched: FloatArray = state * may.astype(float)
+    return switched

@@ -59,9 +59,9 @@ def openings(rng: np.random.Generator, minutes: FloatArray) -> FloatArray:
     ndarray, shape (n,)
         0 where the door is shut.
     """
-    found = np.zeros(minutes.size)
+    opened = np.zeros(minutes.size)
     for day in range(minutes.size // DAY_MIN):
         for opens in rng.uniform(6.0 * 60, 22.0 * 60, rng.integers(3, 9)):
             begin = day * DAY_MIN + int(opens)
-            found[begin : begin + int(rng.integers(8, 41))] = rng.uniform(0.4, 1.0)
-    return found
+            opened[begin : begin + int(rng.integers(8, 41))] = rng.uniform(0.4, 1.0)
+    return opened

@@ -63,8 +63,8 @@ def relay_weights(levels: int, half_width: float) -> FloatArray:
     up, down = np.meshgrid(np.arange(levels), np.arange(levels), indexing="ij")
     apart = (up - down) / levels
     weights = np.where(up >= down, np.exp(-(((apart / 2 - half_width) / 0.1) ** 2)), 0.0)
-    found: FloatArray = weights / weights.sum()
-    return found
+    normalised: FloatArray = weights / weights.sum()
+    return normalised
 
 
 def preisach(series: FloatArray, weights: FloatArray) -> FloatArray:
@@ -89,7 +89,7 @@ def preisach(series: FloatArray, weights: FloatArray) -> FloatArray:
     step = np.floor(reached).astype(int)
     is_up = np.zeros(weights.shape, dtype=bool)
     places = np.arange(levels)
-    found = np.empty(series.size)
+    output = np.empty(series.size)
     value, last = -1.0, -1
     for i, now in enumerate(step):
         if now != last:
@@ -97,5 +97,5 @@ def preisach(series: FloatArray, weights: FloatArray) -> FloatArray:
             is_up[:, places >= now] = False
             value = 2.0 * float(weights[is_up].sum()) - 1.0
             last = now
-        found[i] = value
-    return found
+        output[i] = value
+    return output

@@ -53,12 +53,12 @@ def stored_strain(
     ndarray, shape (n,) [K]
         Stored strain; a slip leaves a random fifth of it or less.
     """
-    found = np.empty(temperatures_c.size)
+    strains = np.empty(temperatures_c.size)
     strain, limit = 0.0, holds_c
     for i, change in enumerate(np.diff(temperatures_c, prepend=temperatures_c[0]).tolist()):
         strain += change
         if abs(strain) > limit:
             strain *= rng.uniform(0.0, 0.2)
             limit = holds_c * rng.uniform(0.6, 1.4)
-        found[i] = strain
-    return found
+        strains[i] = strain
+    return strains
