@@ -3862,6 +3862,11 @@ class AnalysisResult(Shape):
     """Whether each component should follow another sensor, proposals first; empty in older results
     """
 
+    temperatures_c: dict[str, list[Any]]
+    """The lowest and the highest temperature of each sensor at the times of the values [°C]; empty
+    in older results
+    """
+
 
 class ChangedModelAnswer(ModelAnswer):
     """A version that was made or activated, and what its tables lose and gain by it."""

@@ -25,6 +25,9 @@ __all__ = ["chromium", "pytestmark"]
 
 LOOP = "/machines/campaign/loop"
 
+WIDTH_OF_PAPER = 680
+"""A4 between margins of 15 mm, at 96 px to the inch."""
+
 
 @pytest.fixture
 def shop(databases):
@@ -333,6 +336,7 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
 def test_paper_has_what_was_found_and_no_buttons(chromium, shop):
     """Positions are round numbers; what is shaded stays so where paper has no ground."""
     with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.send("PATCH", ROOM, {"serial_number": "5050-1274"})
         page.goto(shop.url + LOOP)
         run_quick_analysis(page)
         words = page.locator(".places").first.locator("span").all_inner_texts()
@@ -344,4 +348,32 @@ def test_paper_has_what_was_found_and_no_buttons(chromium, shop):
         expect(page.locator("#checks th[scope=row]").first).to_be_visible()
         shaded = page.locator(".evidence .weight").first
         assert shaded.evaluate("e => getComputedStyle(e).printColorAdjust") == "exact"
+        analysis = page.locator("#loop").get_attribute("data-analysis")
+        for of, pages in (
+            (f"analyses/{analysis}/report", (2, 8)),
+            (f"analyses/{analysis}/visits", (1, 1)),
+            ("verifications/1/residuals", (2, 12)),
+        ):
+            expect_certificate(page, f"{shop.url}{ROOM}/{of}", pages)
         assert wrong == []
+
+
+def expect_certificate(page, address, pages):
+    """It leads back on a screen, and fills whole sheets of A4 as wide as they are."""
+    page.emulate_media(media="screen")
+    page.goto(address)
+    assert page.get_by_role("link", name="Loop").get_attribute("href").startswith(LOOP)
+    expect(page.get_by_role("button", name="Print, or save as PDF")).to_be_visible()
+    fewest, most = pages
+    sheets = page.pdf(prefer_css_page_size=True)
+    assert fewest <= len(re.findall(rb"/Type\s*/Page\b", sheets)) <= most
+    assert set(re.findall(rb"/MediaBox \[0 0 (59\d)\S* (84\d)", sheets)) == {(b"595", b"841")}
+    page.set_viewport_size({"width": WIDTH_OF_PAPER, "height": 960})
+    page.emulate_media(media="print")
+    expect(page.get_by_text("5050-1274").first).to_be_visible()
+    assert page.locator(".tools").is_hidden()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    wide = "document.documentElement.scrollWidth"
+    assert page.evaluate(wide) <= WIDTH_OF_PAPER
+    style = page.locator("style").first.text_content()
+    assert '"Page " counter(page) " of " counter(pages)' in style

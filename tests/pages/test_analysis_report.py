@@ -7,12 +7,14 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from plotly.graph_objects import Figure
 
 import app
+from app import __version__
 from app.errors import InvalidContent
 from app.identification.analysis.analyse import VERDICTS as GIVEN
 from app.pages.analysis_report import analysis_report
@@ -101,6 +103,25 @@ def test_the_top_says_whose_it_is_and_the_answer():
     assert "before 2.36 µm RMS on held-out visits, 95 % interval 2.08 to 2.54 µm" in told
     assert "noise floor 0.63 µm" in told
     assert "chance below 0.01 %" in told
+
+
+def test_the_top_is_that_of_a_certificate():
+    named = {"serial_number": "5050-1274", "instruments": ["XL-80"], "operators": ["M. Weber"]}
+    measured = tuple(datetime(2026, 3, day, 6, tzinfo=UTC) for day in (1, 7))
+    head = replace(HEAD, analysis_id=3, measured=measured, **named)
+    told = read(FOUND | {"temperatures_c": {"spindle": [20.06, 31.24]}}, head, back="/loop").told
+    for words in (
+        "serial number 5050-1274",
+        "instrument XL-80",
+        "operator M. Weber",
+        "measured 2026-03-01 06:00 UTC to 2026-03-07 06:00 UTC",
+        "temperatures spindle 20.1 to 31.2 °C",
+        f"thermap {__version__}",
+        "Measured by Checked by Date",
+        "← Loop",
+    ):
+        assert words in told
+    assert "serial number not stated instrument not stated operator not stated" in read(FOUND).told
 
 
 def test_the_top_says_which_effects_were_there_and_which_came():
@@ -410,7 +431,7 @@ def test_the_finding_and_its_picture_come_before_all_else():
     told = read(FOUND).told
     found = told.index("What the model lacks")
     assert found < told.index("Before this effect") < told.index("parameter")
-    assert found < told.index("What to measure or check next") < told.index("What was analysed")
+    assert found < told.index("What to measure or check next") < told.index("Before and after")
 
 
 def test_a_page_without_a_chart_does_not_carry_what_draws_one():

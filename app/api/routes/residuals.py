@@ -117,5 +117,10 @@ def _page(shown: ShownResiduals) -> str:
         verifications=[(v.label, str(v.datum)) for v in shown.verifications],
         first_s=float(times_s.min()),
         last_s=float(times_s.max()),
+        serial_number=machine.serial_number,
+        instruments=[v.instrument for v in shown.verifications],
+        operators=[v.operator for v in shown.verifications],
+        temperatures_c=residuals.temperature_ranges,
     )
-    return residuals_page(head, shown.report, residual_curves(shown.report))
+    back = f"/machines/{machine.id}/loop"
+    return residuals_page(head, shown.report, residual_curves(shown.report), back=back)

@@ -355,6 +355,7 @@ def _with_next_steps(
         answer,
         not_testable=(*misstated, *doubted, *read_inexactly(inexact), *answer.not_testable),
         next_visits=proposed.visits,
+        temperatures_c=residuals.temperature_ranges,
         what_next=tuple(dict.fromkeys(steps)),
     )
 

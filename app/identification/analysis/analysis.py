@@ -6,8 +6,8 @@ The OpenAPI document, stored results, the report and the terminal read these def
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field
@@ -213,6 +213,10 @@ class Analysis(Answer, published_as="AnalysisResult"):
     assignments: tuple[TriedAssignment, ...] = ()
     """Whether each component should follow another sensor, proposals first; empty in older
     results"""
+
+    temperatures_c: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """The lowest and the highest temperature of each sensor at the times of the values [°C]; empty
+    in older results"""
 
     @property
     def proposals(self) -> tuple[TriedAssignment, ...]:

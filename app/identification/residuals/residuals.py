@@ -111,6 +111,16 @@ class Residuals:
         """Measured minus predicted, shape (n,) [the channels' units]."""
         return self.rows.measured - self.predicted
 
+    @property
+    def temperature_ranges(self) -> dict[str, tuple[float, float]]:
+        """The lowest and the highest temperature of each sensor at the rows [°C]."""
+        known = self.projection.conditions.temperatures_c.items()
+        return {
+            name: (float(np.nanmin(t)), float(np.nanmax(t)))
+            for name, t in known
+            if np.isfinite(t).any()
+        }
+
     def as_rows(self) -> Rows:
         """Hand the residuals to the search."""
         rows = self.rows

@@ -9,6 +9,7 @@ from typing import Final
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.found_effect import Evidence, FoundEffect
+from app.pages.report_parts.certificate import machine_facts, measured_facts, written_by
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import kind_name, learnt_text
 from app.pages.report_parts.words import chance_text, figure_text, sentence
@@ -18,13 +19,15 @@ MOST_LABELS: Final = 12
 
 
 def head_facts(head: ReportHead, result: Analysis) -> Mapping[str, str]:
-    """Say what was analysed."""
+    """Say of which machine and which measurements it is, as a certificate does."""
     return {
-        "machine": f"{head.machine_id} ({head.chain})",
+        **machine_facts(head.machine_id, head.chain, head.serial_number),
+        **measured_facts(head.instruments, head.operators, head.measured, result.temperatures_c),
         "model": sentence(_model(head)),
         "verifications": list_names(head.verifications, MOST_LABELS),
         "observations": f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}",
-        "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}",
+        "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}, "
+        f"{written_by()}",
         "adopted": sentence(_adopted(head)),
     }
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 from app.errors import counted, list_names
 from app.identification.analysis.residual_report import ResidualFigures
+from app.pages.report_parts.certificate import machine_facts, measured_facts, written_by
 from app.pages.report_parts.words import decimals_for, figure_text, percent_text
-from app.units import date_text
+from app.units import utc_time
 
 MOST_LABELS: Final = 12
 
@@ -43,6 +44,10 @@ class ResidualsHead:
     verifications: Sequence[tuple[str, str]]
     first_s: float
     last_s: float
+    serial_number: str | None = None
+    instruments: Sequence[str | None] = ()
+    operators: Sequence[str | None] = ()
+    temperatures_c: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def size_sentence(figures: ResidualFigures) -> str:
@@ -82,12 +87,12 @@ def head_facts(head: ResidualsHead, figures: ResidualFigures) -> list[tuple[str,
         DATUMS.get(datum, datum) + (f" in {count}" if len(datums) > 1 else "")
         for datum, count in datums.items()
     ]
-    first, last = date_text(head.first_s), date_text(head.last_s)
+    measured = utc_time(head.first_s), utc_time(head.last_s)
     return [
-        ("machine", f"{head.machine_id} ({head.chain})"),
-        ("model", f"version {head.model_version}, its adopted effects included"),
+        *machine_facts(head.machine_id, head.chain, head.serial_number).items(),
+        *measured_facts(head.instruments, head.operators, measured, head.temperatures_c).items(),
+        ("model", f"version {head.model_version}, its adopted effects included; {written_by()}"),
         ("verifications", list_names(labels, MOST_LABELS)),
         ("datum", "; ".join(text)),
-        ("measured", first if first == last else f"{first} to {last}"),
         ("values", f"{values} of {counted(len(figures.components), 'component')}"),
     ]

@@ -24,8 +24,15 @@ def residuals_page(
     curves: Sequence[ComponentCurves],
     *,
     plotly_js: str = INLINE,
+    back: str = "",
 ) -> str:
-    """Write the page of residuals."""
+    """Write the page of residuals.
+
+    Parameters
+    ----------
+    back
+        Where it was opened; empty where that is nowhere.
+    """
     blocks = component_blocks(figures, curves)
     drawn = {block.size.component for block in blocks}
     few = [c.component for c in figures.components if c.component not in drawn]
@@ -33,6 +40,7 @@ def residuals_page(
         "residuals.html",
         plotly_js=plotly_js,
         head=head,
+        back=back,
         figures=figures,
         head_facts=head_facts(head, figures),
         size_sentence=size_sentence(figures),
