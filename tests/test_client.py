@@ -455,7 +455,7 @@ def test_every_route_has_its_method(tmp_path):
             "temperatures_c": {}, "question": {}, "lines": {}, "measurement": {}, "plan": {},
             "verification": {}, "verification_id": 7, "analysis_id": 7, "verifications": [],
             "versions": [], "controller": "CONTROLLER", "time": 0, "since": 0, "until": 0,
-            "name": "7", "role": "viewer", "path": tmp_path / "map.csv",
+            "visit": 7, "name": "7", "role": "viewer", "path": tmp_path / "map.csv",
         }  # fmt: skip
         needed = inspect.signature(method).parameters
         with suppress(UnexpectedAnswerError):

@@ -155,6 +155,18 @@ def analysis_report(machine_id: str, number: int) -> Call[str]:
     return Call("GET", path, lambda response: response.text)
 
 
+def visits_page(machine_id: str, number: int) -> Call[str]:
+    """GET …/analyses/{id}/visits."""
+    path = of_machine(machine_id, "analyses", number, "visits")
+    return Call("GET", path, lambda response: response.text)
+
+
+def visit_file(machine_id: str, number: int, visit: int) -> Call[str]:
+    """GET …/analyses/{id}/visits/{number}, as CSV."""
+    path = of_machine(machine_id, "analyses", number, "visits", visit)
+    return Call("GET", path, lambda response: response.text)
+
+
 def cancel_analysis(machine_id: str, number: int) -> Call[AnalysisHead]:
     """POST …/analyses/{id}/cancel."""
     path = of_machine(machine_id, "analyses", number, "cancel")

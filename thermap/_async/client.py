@@ -759,6 +759,14 @@ class AsyncThermapClient:
         """Read an analysis as a page for a person: HTML that needs no other file."""
         return await self.send(loop_calls.analysis_report(machine, analysis_id))
 
+    async def visits_page(self, machine: str, analysis_id: int) -> str:
+        """Read the visits that an analysis proposes as a page to print and to write on."""
+        return await self.send(loop_calls.visits_page(machine, analysis_id))
+
+    async def visit_file(self, machine: str, analysis_id: int, visit: int) -> str:
+        """Write a visit that an analysis proposes, from 1, as the CSV file that planning reads."""
+        return await self.send(loop_calls.visit_file(machine, analysis_id, visit))
+
     async def cancel_analysis(self, machine: str, analysis_id: int) -> AnalysisHead:
         """Cancel an analysis that waits or runs."""
         return await self.send(loop_calls.cancel_analysis(machine, analysis_id))
