@@ -7,6 +7,7 @@ from typing import Final
 
 from app.identification.analysis.tried_effect import TriedEffect
 from app.identification.fleet import FleetJudgement, SharedEffect
+from app.message import Message
 from app.pages.environment import render
 from app.pages.plotly_script import INLINE
 from app.pages.report_parts.effect_names import (
@@ -20,10 +21,10 @@ from app.pages.report_parts.words import decimals_for, figure_text
 from app.units import true_minus
 
 ANSWERS: Final = {
-    "yes": ("yes", "confirmed"),
-    "no": ("no", "nothing-found"),
-    "cannot-be-told": ("cannot be told", "suspected"),
-    "adopted": ("adopted already", "nothing-found"),
+    "yes": (Message("yes"), "confirmed"),
+    "no": (Message("no"), "nothing-found"),
+    "cannot-be-told": (Message("cannot be told"), "suspected"),
+    "adopted": (Message("adopted already"), "nothing-found"),
 }
 """An answer of a trial in words, and its style."""
 

@@ -160,7 +160,7 @@ def read_of_map(error_map: ErrorMap) -> WhatWasRead:
         [
             (_("map"), f"‘{error_map.label}’"),
             (_("measured"), day_and_time(error_map.measured_at)),
-            (_("temperatures"), list_names(temperatures)),
+            (_("temperatures"), said(list_names(temperatures))),
             (_("repeatability"), _repeatability(error_map.repeatability_um)),
             (_("instrument"), error_map.instrument or said(NOT_STATED)),
         ],
@@ -184,7 +184,7 @@ def read_of_verification(found: Verification) -> WhatWasRead:
             (_("zero"), said(ZEROS[found.datum])),
             (_("repeatability"), _repeatability(found.repeatability_um)),
             (_("measured"), span),
-            (_("set-ups"), list_names(sorted(setups)) if setups else said(NOT_STATED)),
+            (_("set-ups"), said(list_names(sorted(setups))) if setups else said(NOT_STATED)),
             (_("instrument"), found.instrument or said(NOT_STATED)),
             (_("operator"), found.operator or said(NOT_STATED)),
         ],

@@ -100,7 +100,9 @@ def _with_words_now(context: Context, events: Sequence[Event]) -> list[Event]:
     def updated(event: Event) -> Event:
         matters = words.get(event.machine or "", ()) if event.until is None else ()
         text = next((text for text, details in matters if details == event.details), event.text)
-        return event if text == event.text else replace(event, text_now=text)
+        # Said now, it can be said in other languages.
+        is_same = text == event.text
+        return replace(event, text=text) if is_same else replace(event, text_now=text)
 
     return [updated(event) if event.kind in PASSING else event for event in events]
 

@@ -76,6 +76,7 @@ class Shop:
     def send(self, method, path, content=None):
         answer = httpx.request(method, self.url + path, json=content, timeout=60, trust_env=False)
         assert answer.status_code < 300, answer.text
+        return answer
 
     def feed(self, t_c):
         self.send("POST", f"{ROOM}/readings", [reading(datetime.now(UTC), t_c)])

@@ -2,6 +2,7 @@
 
 import copy
 import re
+from importlib.resources import files
 
 import pytest
 
@@ -14,6 +15,7 @@ from tests.api.test_api_dashboard import feed, shown
 from tests.service_examples import START, reading
 
 OTHERS = [language for language in LANGUAGES if language != ENGLISH]
+SCRIPTS = (files("app.pages") / "assets").glob("*.js")
 PLACE = re.compile(r"%\(\w+\)[.\d]*[a-z]|%%")
 
 
@@ -69,6 +71,11 @@ def test_the_browsers_language_holds_until_another_is_chosen(stated, accepted, l
 def test_scripts_get_what_they_say():
     said_by_scripts = messages_of_scripts("de")
     assert said_by_scripts["Not stored."] == ["Nicht gespeichert."]
+    # What stands inside of another call is not found there.
+    source = "".join(one.read_text() for one in SCRIPTS)
+    asked = re.findall(r"""\bt\("((?:[^"\\]|\\.)*)\"""", source)
+    assert len(asked) > 100
+    assert [one for one in asked if one not in said_by_scripts] == []
     assert "Trust now" not in said_by_scripts
     assert messages_of_scripts(ENGLISH) == {}
 

@@ -224,7 +224,8 @@ export function changeWords(preview) {
 
 function placeOf({ component, position_mm: mm }) {
   if (mm === null) return "";
-  return ` ${t("at %(place)s", { place: `${component.at(-1)} ${position(mm)}${LENGTH === "in" ? " in" : ""}` })}`;
+  const place = `${component.at(-1)} ${position(mm)}${LENGTH === "in" ? " in" : ""}`;
+  return ` ${t("at %(place)s", { place })}`;
 }
 
 function changeNow(preview) {

@@ -126,7 +126,8 @@ function show(since, until, isLive = false) {
 
 function controls() {
   const span = view.until - view.since;
-  document.getElementById("range").textContent = t("%(since)s to %(until)s", { since: fullTime(view.since), until: view.isLive ? t("now") : fullTime(view.until) });
+  const until = view.isLive ? t("now") : fullTime(view.until);
+  document.getElementById("range").textContent = t("%(since)s to %(until)s", { since: fullTime(view.since), until });
   for (const button of document.querySelectorAll("[data-span]")) {
     button.setAttribute("aria-pressed", String(Math.abs(Number(button.dataset.span) / span - 1) < 0.01));
   }

@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, momentOf, refused, send, told, typedOf, valueOf } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, momentOf, refused, send, t, told, typedOf, valueOf } from "./ask.js";
 
 const { take } = document.getElementById("drop") ? await import("./upload.js") : {};
 
@@ -30,7 +30,7 @@ async function look() {
   try {
     one = await send("GET", analysis);
   } catch (error) {
-    refused(by("cancel-said"), "Its progress is not known.", error);
+    refused(by("cancel-said"), t("Its progress is not known."), error);
     return;
   }
   if (one.status !== "queued" && one.status !== "running") {
@@ -38,13 +38,15 @@ async function look() {
     return;
   }
   const percent = Math.round(100 * one.progress);
-  by("running").textContent = `Analysis ${number}: ${one.message}, ${percent} %.`;
+  by("running").textContent = t("Analysis %(number)s: %(doing)s, %(share)s %%.", { number, doing: one.message, share: percent });
   by("progress").value = one.progress;
   by("arc").setAttribute("stroke-dasharray", `${percent} 100`);
   if (one.started_at) {
     const soFar = (Date.now() - Date.parse(one.started_at)) / 1000;
-    const left = one.progress > 0.05 ? `, about ${seconds((soFar * (1 - one.progress)) / one.progress)} left` : "";
-    by("so-far").textContent = soFar > 0 ? `${seconds(soFar)} so far${left}.` : "";
+    const time = seconds(soFar);
+    const left = seconds((soFar * (1 - one.progress)) / one.progress);
+    const words = one.progress > 0.05 ? t("%(time)s so far, about %(left)s left.", { time, left }) : t("%(time)s so far.", { time });
+    by("so-far").textContent = soFar > 0 ? words : "";
   }
 }
 
@@ -76,7 +78,7 @@ on("cancel", "click", async () => {
     shown(number);
   } catch (error) {
     by("cancel").disabled = false;
-    refused(by("cancel-said"), "Not cancelled.", error);
+    refused(by("cancel-said"), t("Not cancelled."), error);
   }
 });
 
@@ -86,8 +88,8 @@ function numbersIn(fields, place) {
   for (const one of fields) one.removeAttribute("aria-invalid");
   if (!wrong.length) return fields.map((one) => (one.value.trim() ? valueOf(one) : null));
   for (const one of wrong) one.setAttribute("aria-invalid", "true");
-  const lines = wrong.map((one) => `${one.ariaLabel ?? one.labels[0].textContent.trim()}: expected a number such as 5.2 or 5,2, got “${one.value.trim()}”.`);
-  told(place, "Nothing was sent.");
+  const lines = wrong.map((one) => t("%(field)s: expected a number such as 5.2 or 5,2, got “%(got)s”.", { field: one.ariaLabel ?? one.labels[0].textContent.trim(), got: one.value.trim() }));
+  told(place, t("Nothing was sent."));
   place.append(list(lines));
   wrong[0].focus();
   return null;
@@ -102,7 +104,7 @@ async function start(asked, place, button) {
     shown(queued.id);
   } catch (error) {
     button.disabled = false;
-    refused(place, "Not started.", error);
+    refused(place, t("Not started."), error);
   }
 }
 
@@ -125,7 +127,7 @@ for (const button of document.querySelectorAll("[data-again]")) {
       const { verifications, holdout_fraction, seed, effects } = await send("GET", analysis);
       await start({ verifications, holdout_fraction, seed, effects }, by("again-said"), button);
     } catch (error) {
-      refused(by("again-said"), "Not started.", error);
+      refused(by("again-said"), t("Not started."), error);
     }
   });
 }
@@ -166,22 +168,22 @@ if (adopt) {
   adopt.addEventListener("click", async () => {
     try {
       const found = await preview();
-      const verb = `Adopt as v${room.dataset.next}`;
-      const back = `v${found.active_version} stays as it is: going back to it undoes this.`;
-      const lines = [...lossLines(found), found.activated ? back : `It would be stored and wait. ${back}`];
+      const verb = t("Adopt as v%(version)s", { version: room.dataset.next });
+      const back = t("v%(version)s stays as it is: going back to it undoes this.", { version: found.active_version });
+      const lines = [...lossLines(found), found.activated ? back : `${t("It would be stored and wait.")} ${back}`];
       askOnce(said, changeWords(found), lines, verb, async () => {
         const made = await send("POST", `${analysis}/adopt`, adoption());
         if (made.activated === false) waits(made);
         else shown(number);
       });
     } catch (error) {
-      refused(said, "Not adopted.", error);
+      refused(said, t("Not adopted."), error);
     }
   });
 }
 
 function waits(made) {
-  askOnce(said, made.next_step, lossLines(made), `Activate v${made.model_version} all the same`, async () => {
+  askOnce(said, made.next_step, lossLines(made), t("Activate v%(version)s all the same", { version: made.model_version }), async () => {
     await send("POST", `${api}/models/${made.model_version}/activate`);
     shown(number);
   });
@@ -193,19 +195,19 @@ function activating(id, verb) {
     const path = `${api}/models/${version}/activate`;
     try {
       const found = await send("POST", `${path}?preview=true`);
-      const back = `v${found.active_version} stays stored: activating it undoes this.`;
-      askOnce(said, changeWords(found), [...lossLines(found), back], `${verb} v${version}`, async () => {
+      const back = t("v%(version)s stays stored: activating it undoes this.", { version: found.active_version });
+      askOnce(said, changeWords(found), [...lossLines(found), back], verb(version), async () => {
         await send("POST", path);
         shown(number);
       });
     } catch (error) {
-      refused(said, `Not done: ${verb} v${version}.`, error);
+      refused(said, t("Not done: %(act)s.", { act: verb(version) }), error);
     }
   });
 }
 
-activating("back", "Go back to");
-activating("forward", "Activate");
+activating("back", (version) => t("Go back to v%(version)s", { version }));
+activating("forward", (version) => t("Activate v%(version)s", { version }));
 
 for (const button of document.querySelectorAll("[data-assign]")) {
   const place = button.closest("li").querySelector(".said");
@@ -213,13 +215,13 @@ for (const button of document.querySelectorAll("[data-assign]")) {
   button.addEventListener("click", async () => {
     try {
       const found = await send("PUT", `${api}/sensor-assignment?preview=true`, asked);
-      const back = `v${found.active_version} stays stored: activating it undoes this.`;
+      const back = t("v%(version)s stays stored: activating it undoes this.", { version: found.active_version });
       askOnce(place, changeWords(found), [...lossLines(found), back], button.textContent, async () => {
         const made = await send("PUT", `${api}/sensor-assignment`, asked);
-        told(place, made.next_step ?? "Done. Store the next check to see what it is worth.");
+        told(place, made.next_step ?? t("Done. Store the next check to see what it is worth."));
       });
     } catch (error) {
-      refused(place, "Not assigned.", error);
+      refused(place, t("Not assigned."), error);
     }
   });
 }
@@ -288,7 +290,7 @@ function deleting(attribute, what, path, place) {
     button.addEventListener("click", () => {
       const id = button.dataset[attribute];
       const name = button.dataset.label ?? id;
-      askOnce(by(place), `${what} ${name} cannot be brought back.`, [], `Delete ${what.toLowerCase()} ${name}`, async () => {
+      askOnce(by(place), t("%(what)s %(name)s cannot be brought back.", { what, name }), [], t("Delete %(what)s %(name)s", { what: document.documentElement.lang === "en" ? what.toLowerCase() : what, name }), async () => {
         await send("DELETE", `${api}/${path}/${id}`);
         shown(attribute === "drop" ? null : number);
       }, true);
@@ -296,8 +298,8 @@ function deleting(attribute, what, path, place) {
   }
 }
 
-deleting("delete", "Check", "verifications", "checks-said");
-deleting("drop", "Analysis", "analyses", "jobs-said");
+deleting("delete", t("Check"), "verifications", "checks-said");
+deleting("drop", t("Analysis"), "analyses", "jobs-said");
 
 // What the active model leaves of each check: asked for when it is seen, one after the other.
 
@@ -328,7 +330,7 @@ for (const cell of document.querySelectorAll("[data-residuals]")) watcher.observ
 on("plan", "click", async () => {
   const place = by("checks-said");
   by("plan").disabled = true;
-  told(place, "Planning: what these checks could see, and which visit to add.");
+  told(place, t("Planning: what these checks could see, and which visit to add."));
   try {
     let planned = [];
     if (number) {
@@ -340,7 +342,7 @@ on("plan", "click", async () => {
     const further = plan.suggestions.map((one) => one.visit.sentence).filter((one) => !plan.summary.includes(one.slice(0, -1)));
     place.append(list([...further, ...plan.notes]));
   } catch (error) {
-    refused(place, "Not planned.", error);
+    refused(place, t("Not planned."), error);
   }
   by("plan").disabled = false;
 });

@@ -6,10 +6,10 @@ import json
 from datetime import datetime
 from typing import Any
 
-from app.errors import counted
 from app.pages.environment import render_live
 from app.pages.fleet_report import ANSWERS, gain_text, parameters, rms_text, share_text
 from app.pages.report_parts.effect_names import MARKS, STATUSES, VERDICTS, explanation_name
+from app.pages.wording import _, counted, in_english
 from app.services.fleet import HOLDOUT, FleetMember, FleetQuestion, FleetView
 from app.storage.records import AnalysisStatus
 
@@ -34,8 +34,14 @@ def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
         question=question,
         is_usual=question == FleetQuestion(),
         command=_command(question),
-        start_words=f"Analyse {counted(len(to_ask), 'machine')}" if to_ask else "",
-        cancel_words=f"Cancel {counted(len(going_on), 'analysis', 'analyses')}" if going_on else "",
+        start_words=counted(len(to_ask), "Analyse %(count)s machine", "Analyse %(count)s machines")
+        if to_ask
+        else "",
+        cancel_words=counted(
+            len(going_on), "Cancel %(count)s analysis", "Cancel %(count)s analyses"
+        )
+        if going_on
+        else "",
         rows=[_row(one, judged.get(one.id)) for one in _ordered(view, judged)],
         several=[e for e in judged_effects(view) if len(e.found_on) > 1],
         effects=judged_effects(view),
@@ -84,22 +90,40 @@ def _ordered(view: FleetView, judged: dict[str, Any]) -> list[FleetMember]:
 def _title(view: FleetView, to_ask: int) -> str:
     is_analysed = any(one.job is not None for one in view.members)
     if view.judgement is not None and is_analysed:
-        more = f" {counted(to_ask, 'machine')} not analysed." if to_ask else ""
-        return view.judgement.summary + more
+        summary = in_english(view.judgement.summary)
+        if not to_ask:
+            return summary
+        more = counted(
+            to_ask, "%(count)s machine is not analysed.", "%(count)s machines are not analysed."
+        )
+        return summary + " " + more
     if view.tried < view.wanted:
-        return "What was found is being tried on sisters."
+        return _("What was found is being tried on sisters.")
     if view.is_going_on:
-        return "The machines are being analysed."
+        return _("The machines are being analysed.")
     if to_ask:
-        return f"{counted(to_ask, 'machine')} can be analysed: checks are stored."
-    return "No machine can be analysed: none has a model and a check."
+        return counted(
+            to_ask,
+            "%(count)s machine can be analysed: checks are stored.",
+            "%(count)s machines can be analysed: checks are stored.",
+        )
+    return _("No machine can be analysed: none has a model and a check.")
 
 
 def _progress(view: FleetView, ended: int, asked: int) -> str:
     if view.tried < view.wanted:
-        return f"{view.tried} of {counted(view.wanted, 'trial')} done, while this page is open."
-    every = counted(asked, "analysis", "analyses")
-    return f"{ended} of {every} ended. The others go on when this page is left."
+        return counted(
+            view.wanted,
+            "%(tried)s of %(count)s trial done, while this page is open.",
+            "%(tried)s of %(count)s trials done, while this page is open.",
+            tried=view.tried,
+        )
+    return counted(
+        asked,
+        "%(ended)s of %(count)s analysis ended. The others go on when this page is left.",
+        "%(ended)s of %(count)s analyses ended. The others go on when this page is left.",
+        ended=ended,
+    )
 
 
 def _share(view: FleetView) -> float:
@@ -119,15 +143,21 @@ def _share(view: FleetView) -> float:
 def _row(one: FleetMember, judged: Any) -> dict[str, Any]:
     job = one.job
     if one.why_not:
-        state = f"cannot be analysed: {one.why_not}"
+        state = _("cannot be analysed: %(why)s", why=one.why_not)
     elif job is None:
-        state = "not analysed yet"
+        state = _("not analysed yet")
     elif job.status is AnalysisStatus.RUNNING:
-        state = f"analysis {job.id} runs: {100 * job.progress:.0f} %, {job.message}"
+        state = _(
+            "analysis %(number)s runs: %(share).0f %%, %(doing)s",
+            number=job.id,
+            share=100 * job.progress,
+            doing=job.message,
+        )
     elif job.status is AnalysisStatus.QUEUED:
-        state = f"analysis {job.id} waits"
+        state = _("analysis %(number)s waits", number=job.id)
     elif job.status is AnalysisStatus.DONE:
-        state = f"analysis {job.id} done"
+        state = _("analysis %(number)s done", number=job.id)
     else:
-        state = f"analysis {job.id} {job.status}: {job.message}"
+        word = _("analysis")
+        state = f"{word} {job.id} {job.status}: {job.message}"
     return {"member": one, "state": state, "judged": judged}

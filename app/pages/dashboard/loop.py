@@ -10,12 +10,13 @@ from typing import Any, Final
 
 from app.effects.observations import Verification
 from app.effects.registry import KINDS, kind_of
-from app.errors import capitalised, counted, list_names
+from app.errors import capitalised, list_names
 from app.geometry.components import COMPONENTS, Kind
 from app.identification.analysis.analysis import Analysis, TriedAssignment
 from app.identification.analysis.figures import ComponentFigures
 from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.plots import EffectCurve, VisitMeans
+from app.message import Message
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
 from app.pages.dashboard.maps import METHODS
@@ -39,8 +40,9 @@ from app.pages.report_parts.effect_names import (
     untested_together,
 )
 from app.pages.report_parts.smallest_seen import size_range, units_of
-from app.pages.report_parts.words import chance_text, decimals_for, figure_text
+from app.pages.report_parts.words import chance_text, decimals_for, figure_text, sentence
 from app.pages.what_was_read import read_of_verification
+from app.pages.wording import _, counted, in_english, said
 from app.services.loop import UNFINISHED, LaterVisits, LeftOfCheck, LoopView
 from app.storage.records import AnalysisStatus, StoredAnalysis, StoredVerification
 from app.units import Unit
@@ -57,14 +59,21 @@ RIGID: Final = [
 """What is measured along a rigid machine's linear axes; others can be typed in as well."""
 
 _STATUSES: Final = {
-    "confirmed": "Confirmed",
-    "suspected": "Suspected",
-    "not-confirmable": "Not confirmable",
+    "confirmed": Message("Confirmed"),
+    "suspected": Message("Suspected"),
+    "not-confirmable": Message("Not confirmable"),
+}
+_JOBS: Final = {
+    AnalysisStatus.QUEUED: Message("queued"),
+    AnalysisStatus.RUNNING: Message("running"),
+    AnalysisStatus.DONE: Message("done"),
+    AnalysisStatus.FAILED: Message("failed"),
+    AnalysisStatus.CANCELLED: Message("cancelled"),
 }
 _JUDGED: Final = {
-    "within": "no change proved",
-    "beyond": "change proved",
-    "not-judged": "not judged",
+    "within": Message("no change proved"),
+    "beyond": Message("change proved"),
+    "not-judged": Message("not judged"),
 }
 
 
@@ -120,13 +129,17 @@ def later_words(later: LaterVisits) -> str:
     'No later visits yet: store a check to see what it is worth.'
     """
     if not later.verification_ids:
-        return "No later visits yet: store a check to see what it is worth."
+        return _("No later visits yet: store a check to see what it is worth.")
     if later.before is None or later.after is None:
-        checks = counted(len(later.verification_ids), "later check")
-        return f"{checks}: nothing can be said, {later.why_not}."
+        return counted(
+            len(later.verification_ids),
+            "%(count)s later check: nothing can be said, %(why)s.",
+            "%(count)s later checks: nothing can be said, %(why)s.",
+            why=later.why_not,
+        )
     decimals = decimals_for(later.before.repeatability)
     before, after = (figure_text(s.rms, decimals) for s in (later.before, later.after))
-    visits = counted(later.visits, "later visit")
+    visits = counted(later.visits, "%(count)s later visit", "%(count)s later visits")
     return f"{visits}: {before} → {after} {later.before.unit}."
 
 
@@ -134,28 +147,41 @@ def _steps(view: LoopView) -> list[dict[str, Any]]:
     """Say where we are: checks, analysis, decide, later visits."""
     one, later = view.chosen, view.later
     observations = sum(v.observations for v in view.verifications)
-    checks = f"{counted(len(view.verifications), 'check')}, {counted(observations, 'observation')}"
-    decided = "nothing yet"
+    checks = ", ".join(
+        (
+            counted(len(view.verifications), "%(count)s check", "%(count)s checks"),
+            counted(observations, "%(count)s observation", "%(count)s observations"),
+        )
+    )
+    decided = _("nothing yet")
     at = 1 if view.verifications else 0
     if one is not None and one.status is AnalysisStatus.DONE:
-        at, decided = 2, "to be decided"
+        at, decided = 2, _("to be decided")
         if view.result is not None and not view.result.effects and not view.result.is_refit_due:
-            decided = "nothing to adopt"
+            decided = _("nothing to adopt")
     if later is not None and one is not None:
-        at, decided = 3, f"adopted as v{one.adopted_version}"
+        at, decided = 3, _("adopted as v%(version)s", version=one.adopted_version)
         if view.active_version == one.task.model_version:
-            decided += ", taken back"
-    came = "none yet" if later is None or not later.verification_ids else ""
+            decided += _(", taken back")
+    came = _("none yet") if later is None or not later.verification_ids else ""
     return [
         {"title": title, "text": text, "is_current": place == at}
         for place, (title, text) in enumerate(
             (
-                ("1 Checks", checks if view.verifications else "none yet"),
-                (f"2 Analysis {one.id}" if one else "2 Analysis", one.status if one else "none"),
-                ("3 Decide", decided),
+                (_("1 Checks"), checks if view.verifications else _("none yet")),
                 (
-                    "4 Later visits",
-                    came or counted(len(later.verification_ids) if later else 0, "check"),
+                    _("2 Analysis %(number)s", number=one.id if one else ""),
+                    said(_JOBS[one.status]) if one else _("none"),
+                ),
+                (_("3 Decide"), decided),
+                (
+                    _("4 Later visits"),
+                    came
+                    or counted(
+                        len(later.verification_ids) if later else 0,
+                        "%(count)s check",
+                        "%(count)s checks",
+                    ),
                 ),
             )
         )
@@ -166,8 +192,10 @@ def _analysed(one: StoredAnalysis | None, labels: dict[int, str]) -> str:
     """Name what an analysis is of."""
     if one is None:
         return ""
-    names = [labels.get(i, f"number {i}, deleted") for i in one.task.verification_ids]
-    return list_names(names, 4)
+    names = [
+        labels.get(i, _("number %(number)s, deleted", number=i)) for i in one.task.verification_ids
+    ]
+    return said(list_names(names, 4))
 
 
 def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime) -> dict[str, Any]:
@@ -175,8 +203,8 @@ def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime
     return {
         "stored": one,
         "when": clock(one.first_at, now),
-        "what": list_names(one.components, 6),
-        "judged": "–" if one.judgement is None else _JUDGED[one.judgement.status],
+        "what": said(list_names(one.components, 6)),
+        "judged": "–" if one.judgement is None else said(_JUDGED[one.judgement.status]),
         "why": "" if one.judgement is None else one.judgement.summary,
         "is_ticked": chosen is None
         or one.id in chosen.task.verification_ids
@@ -186,7 +214,12 @@ def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime
 
 def _job(one: StoredAnalysis, now: datetime) -> dict[str, Any]:
     adopted = "–" if one.adopted_version is None else f"v{one.adopted_version}"
-    return {"stored": one, "when": clock(one.created_at, now), "adopted": adopted}
+    return {
+        "stored": one,
+        "when": clock(one.created_at, now),
+        "adopted": adopted,
+        "state": said(_JOBS[one.status]),
+    }
 
 
 def _result(view: LoopView, result: Analysis) -> dict[str, Any]:
@@ -222,45 +255,73 @@ def _adopted_words(view: LoopView) -> str:
     """Say which version was made of the analysis, and whether tables come from it."""
     analysis, active = view.chosen, view.active_version
     assert analysis is not None
-    made = f"Adopted as v{analysis.adopted_version}"
-    if active == analysis.adopted_version:
-        return f"{made}."
+    made = analysis.adopted_version
+    if active == made:
+        return _("Adopted as v%(version)s.", version=made)
     if active == analysis.task.model_version:
-        return f"{made}, and taken back: v{active} is active."
-    return f"{made}; now v{active} is active."
+        return _(
+            "Adopted as v%(version)s, and taken back: v%(active)s is active.",
+            version=made,
+            active=active,
+        )
+    return _("Adopted as v%(version)s; now v%(active)s is active.", version=made, active=active)
 
 
 def _headline(result: Analysis) -> str:
     """The answer: the first effect in its own sentence, or what the verdict is."""
     first = next(iter(result.effects), None)
     if first is None:
-        return f"{VERDICTS[result.verdict]}."
+        return f"{said(VERDICTS[result.verdict])}."
     more = len(result.effects) - 1
-    others = f", and {counted(more, 'more effect')}" if more else ""
-    return f"{first.explanation}{others}."
+    if not more:
+        return f"{first.explanation}."
+    return counted(
+        more,
+        "%(effect)s, and %(count)s more effect.",
+        "%(effect)s, and %(count)s more effects.",
+        effect=first.explanation,
+    )
 
 
 def _found_sentence(result: Analysis, decimals: int) -> list[str]:
     """Before, after, floor; where nothing was found, the analysis' own summary."""
     if not result.effects:
-        return [result.summary]
+        return [in_english(sentence(result.summary))]
     before, after = (figure_text(f.shown_rms, decimals) for f in (result.before, result.after))
-    where = (
-        "On visits that took no part in finding it"
-        if result.before.holdout_rms is not None
-        else "Over all visits, none of which could be held out"
-    )
-    verb = "fall" if result.after.shown_rms < result.before.shown_rms else "go"
-    one_of_many = "" if len(result.effects) == 1 else " with all effects"
     unit = result.unit
-    found = [f"{where}, the residuals {verb} from {before} to {after} {unit} RMS{one_of_many}."]
+    if result.before.holdout_rms is not None:
+        where = _("On visits that took no part in finding it:")
+    else:
+        where = _("Over all visits, none of which could be held out:")
+    if len(result.effects) == 1:
+        change = _(
+            "the residuals go from %(before)s to %(after)s %(unit)s RMS.",
+            before=before,
+            after=after,
+            unit=unit,
+        )
+    else:
+        change = _(
+            "the residuals go from %(before)s to %(after)s %(unit)s RMS with all effects.",
+            before=before,
+            after=after,
+            unit=unit,
+        )
+    found = [f"{where} {change}"]
     if result.floor is not None:
         floor = figure_text(result.floor, decimals)
-        found.append(f"Repeatability and set-ups alone would leave {floor} {unit}.")
+        found.append(
+            _(
+                "Repeatability and set-ups alone would leave %(floor)s %(unit)s.",
+                floor=floor,
+                unit=unit,
+            )
+        )
     else:
-        found.append(f"The floor is unknown: {result.floor_unknown or 'it was not measured'}.")
+        why = result.floor_unknown or _("it was not measured")
+        found.append(_("The floor is unknown: %(why)s.", why=why))
     if result.verdict == "unexplained":
-        found.append("Something remains that no effect explains.")
+        found.append(_("Something remains that no effect explains."))
     return found
 
 
@@ -268,11 +329,11 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
     evidence = one.evidence
     facts = []
     if evidence.seen_in_readings:
-        facts.append(f"in the readings: {evidence.seen_in_readings}")
+        facts.append(_("in the readings: %(what)s", what=evidence.seen_in_readings))
     else:
         facts.append(_slope_words(one))
         if evidence.p_global is not None:
-            facts.append(f"by chance: {chance_text(evidence.p_global)}")
+            facts.append(_("by chance: %(chance)s", chance=chance_text(evidence.p_global)))
     curves = result.plots.effects
     curve = curves[number] if number < len(curves) else None
     warnings = [w for w in (one.doubt, one.leverage_warning, one.measure_again) if w]
@@ -308,13 +369,13 @@ def _slope_words(one: FoundEffect) -> str:
     """Say what held-out visits show of it."""
     slope, error = one.evidence.calibration_slope, one.evidence.calibration_slope_error
     if slope is None:
-        return "held-out visits say nothing about it"
+        return _("held-out visits say nothing about it")
     unsure = "" if error is None else f" ± {figure_text(error, 2)}"
-    return f"held-out slope {figure_text(slope, 2)}{unsure} (1 is right)"
+    return _("held-out slope %(slope)s (1 is right)", slope=figure_text(slope, 2) + unsure)
 
 
 def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
-    names = list_names(map(component_name, dict.fromkeys(curve.components)), 3)
+    names = said(list_names(map(component_name, dict.fromkeys(curve.components)), 3))
     over_time = curve.over == TIME
     floor = _floor_of(curve.components, result)
     last = datetime.fromtimestamp(curve.driver[-1], UTC)
@@ -360,15 +421,17 @@ def _rivals(one: FoundEffect) -> dict[str, Any] | None:
         *((rival_name(one, a), a.evidence, a.tied) for a in shown),
     ]
     lead = min((a.behind for a in one.alternatives), default=None)
-    words = "Dashed: 10, very strong."
+    words = _("Dashed: 10, very strong.")
     if any(a.tied for a in one.alternatives):
-        words += " These observations cannot tell the bars in bold apart."
+        words += " " + _("These observations cannot tell the bars in bold apart.")
     elif lead is not None:
-        words += f" The lead is {figure_text(lead, 0)}."
+        words += " " + _("The lead is %(lead)s.", lead=figure_text(lead, 0))
     further = len(one.alternatives) - len(shown)
-    words += f" {further} more {'is' if further == 1 else 'are'} weaker." if further else ""
+    if further:
+        words += " " + counted(further, "%(count)s more is weaker.", "%(count)s more are weaker.")
     again = one.evidence.found_again_share
-    words += "" if again is None else f" Found again in {100.0 * again:.0f} % of the splits."
+    if again is not None:
+        words += " " + _("Found again in %(share).0f %% of the splits.", share=100.0 * again)
     return {
         "strong": round(100.0 * VERY_STRONG / reach, 2),
         "bars": [

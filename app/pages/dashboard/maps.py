@@ -272,9 +272,11 @@ def _recorded(recorded: RecordedChanges) -> list[str]:
     if not recorded.changes:
         return []
     rows = ((_row(one.change), one.time) for one in recorded.changes)
-    named = list_names(
-        (f"{_by(row)} ({day_and_time(then)})" for row, then in rows),
-        MOST_RECORDED,
+    named = said(
+        list_names(
+            (f"{_by(row)} ({day_and_time(then)})" for row, then in rows),
+            MOST_RECORDED,
+        )
     )
     return [
         counted(

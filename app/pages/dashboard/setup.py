@@ -18,7 +18,7 @@ from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
 from app.pages.environment import render_live
 from app.pages.reader import day_and_time
-from app.pages.wording import _, counted
+from app.pages.wording import _, counted, said
 from app.services.setup import SetupView
 from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
@@ -134,7 +134,7 @@ def _steps(view: SetupView) -> Iterator[Step]:
     yield Step(_("Maps"), len(maps) > 1, stored + states)
     without = [p.code for p in view.proposals if p.current_sensor is None]
     follow = (
-        _("%(codes)s follow no sensor", codes=list_names(without, 6))
+        _("%(codes)s follow no sensor", codes=said(list_names(without, 6)))
         if without
         else _("every component has one")
     )

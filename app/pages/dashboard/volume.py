@@ -155,7 +155,7 @@ def _zero(now: VolumeNow) -> str:
         "The true error may be larger.",
         "%(count)s components without two maps count as zero: %(codes)s. "
         "The true error may be larger.",
-        codes=list_names(missing),
+        codes=said(list_names(missing)),
     )
 
 

@@ -13,13 +13,14 @@ from app.effects.valid import LearntIn
 from app.errors import list_names
 from app.identification.analysis import advice
 from app.identification.analysis.found_effect import Evidence, FoundEffect
+from app.message import Message
 from app.units import date_text, duration_text, plus_minus, true_minus, unit_of_field
 
 VERDICTS: Final = {
-    "effects-found": "Effects found",
-    "nothing-found": "Nothing found",
-    "unexplained": "Something unexplained",
-    "not-judged": "Not judged",
+    "effects-found": Message("Effects found"),
+    "nothing-found": Message("Nothing found"),
+    "unexplained": Message("Something unexplained"),
+    "not-judged": Message("Not judged"),
 }
 STATUSES: Final = {
     "confirmed": "confirmed on held-out visits",
