@@ -16,10 +16,11 @@ if (zone && !document.cookie.split("; ").includes(`thermap-zone=${zone}`)) {
 }
 
 // Language and units: a page is written anew in what was chosen.
-addEventListener("change", ({ target }) => {
-  if (target.dataset.reader && want(target.dataset.reader, target.value)) location.reload();
-});
 addEventListener("click", ({ target }) => {
+  if (target.id === "apply-reader") {
+    for (const one of document.querySelectorAll("[data-reader]")) want(one.dataset.reader, one.value);
+    location.reload();
+  }
   const open = document.querySelector(".reader[open]");
   if (open && !open.contains(target)) open.open = false;
 });
