@@ -7,6 +7,7 @@ What is new stands in them without a text, and a test fails until it has one.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -70,8 +71,22 @@ def main() -> None:
         for message in catalogue:
             # Files alone: lines change with every commit.
             message.locations = sorted({(file, None) for file, _ in message.locations})
-        with path.open("wb") as file:
-            write_po(file, catalogue, width=100, sort_output=True, omit_header=False)
+        written = io.BytesIO()
+        write_po(written, catalogue, width=100, sort_output=True, omit_header=True)
+        path.write_text(head_of(catalogue) + written.getvalue().decode(), encoding="utf-8")
+
+
+def head_of(catalogue: Catalog) -> str:
+    """Write what a catalogue has to say of itself, and no dates: those change by themselves."""
+    entries = (
+        f"Language: {catalogue.locale}",
+        f"Plural-Forms: {catalogue.plural_forms}",
+        "MIME-Version: 1.0",
+        "Content-Type: text/plain; charset=utf-8",
+        "Content-Transfer-Encoding: 8bit",
+    )
+    lines = "".join(f'"{entry}\\n"\n' for entry in entries)
+    return f'# The pages of thermap in another language.\nmsgid ""\nmsgstr ""\n{lines}\n'
 
 
 if __name__ == "__main__":
