@@ -155,11 +155,11 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
     >>> list_names([])
     'none'
     """
-    shown = list(names)
-    if not shown:
+    listed = list(names)
+    if not listed:
         return "none"
-    more = len(shown) - limit
-    named = ", ".join(shown[:limit])
+    more = len(listed) - limit
+    named = ", ".join(listed[:limit])
     return Message("%(names)s and %(more)s more", names=named, more=more) if more > 0 else named
 
 
@@ -169,8 +169,8 @@ def existing_names(names: Iterable[str]) -> str:
     >>> existing_names(["1", "2"]), existing_names([])
     ('it has: 1, 2', 'it has none yet')
     """
-    shown = list(names)
-    return f"it has: {list_names(shown)}" if shown else "it has none yet"
+    listed = list(names)
+    return f"it has: {list_names(listed)}" if listed else "it has none yet"
 
 
 def capitalised(sentence: str, names: Iterable[str] = ()) -> str:
@@ -184,13 +184,13 @@ def capitalised(sentence: str, names: Iterable[str] = ()) -> str:
     return f"{sentence[:1].upper()}{sentence[1:]}"
 
 
-def counted(number: int, one: str, more: str | None = None) -> str:
+def counted(number: int, singular: str, more: str | None = None) -> str:
     """Write a number of things for a sentence; `more` where an s does not make the plural.
 
     >>> counted(1, "point"), counted(0, "point"), counted(2, "entry", "entries")
     ('1 point', '0 points', '2 entries')
     """
-    return f"{number} {one if number == 1 else more or one + 's'}"
+    return f"{number} {singular if number == 1 else more or singular + 's'}"
 
 
 def repeated(names: Iterable[str]) -> list[str]:

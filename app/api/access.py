@@ -304,8 +304,8 @@ def stated_secret(scope: Scope) -> str | None:
 
 def _session_of(cookies: str) -> str | None:
     """Read the session; cookies of others on this computer may be written in any way."""
-    for one in cookies.split(";"):
-        name, _, value = one.strip().partition("=")
+    for cookie in cookies.split(";"):
+        name, _, value = cookie.strip().partition("=")
         if name == COOKIE:
             return value.strip('"')
     return None

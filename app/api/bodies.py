@@ -65,8 +65,10 @@ class BodyRoute(APIRoute):
         field = self.body_field
         if field is None:
             return self._without_body(handle)
-        stated = field.field_info
-        adapter: TypeAdapter[Any] = TypeAdapter(cast("Any", Annotated[stated.annotation, stated]))
+        field_info = field.field_info
+        adapter: TypeAdapter[Any] = TypeAdapter(
+            cast("Any", Annotated[field_info.annotation, field_info])
+        )
         limit = int((self.openapi_extra or {}).get(LIMIT_NAME, USUAL_LIMIT))
 
         async def read_and_handle(request: Request) -> Response:
@@ -168,8 +170,8 @@ class FileRoute(APIRoute):
     def get_route_handler(self) -> Handler:
         """Wrap the framework's handler, which is given a request whose file has come."""
         handle = super().get_route_handler()
-        stated = self.openapi_extra or {}
-        limit, kinds = int(stated[LIMIT_NAME]), tuple(stated["requestBody"]["content"])
+        extra = self.openapi_extra or {}
+        limit, kinds = int(extra[LIMIT_NAME]), tuple(extra["requestBody"]["content"])
 
         async def receive_and_handle(request: Request) -> Response:
             _refuse_other_kinds(request, kinds)
@@ -305,5 +307,5 @@ def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
         wrong = shown_errors(error)
         if any(e["type"] == "extra_forbidden" for e in wrong):
             wrong = with_known_fields(wrong, _schema_of(adapter))
-        found = [{**e, "loc": ("body", *e["loc"])} for e in wrong]
-        raise RequestValidationError(found) from None
+        errors = [{**e, "loc": ("body", *e["loc"])} for e in wrong]
+        raise RequestValidationError(errors) from None

@@ -35,39 +35,39 @@ def receiver_metrics(ask: Callable[[], Receivers]) -> bytes:
         ("receiver",),
         registry=registry,
     )
-    for one in receivers:
-        trouble.labels(one.name).set(float(bool(one.trouble)))
+    for receiver in receivers:
+        trouble.labels(receiver.name).set(float(bool(receiver.trouble)))
     return generate_latest(registry) if receivers else b""
 
 
 def connection_metrics(ask: Callable[[], ConnectionsNow], now: datetime) -> bytes:
     """Write in Prometheus' text format how connections fare; nothing where nobody says."""
     try:
-        found = ask()
+        connections = ask()
     except StorageUnavailable:
         return b""
     registry = CollectorRegistry()
-    registry.register(_Values(found, now))
+    registry.register(_Values(connections, now))
     return generate_latest(registry)
 
 
 class _Values(Collector):
     """The values of one moment."""
 
-    def __init__(self, found: ConnectionsNow, now: datetime) -> None:
-        self._found = found
+    def __init__(self, connections: ConnectionsNow, now: datetime) -> None:
+        self._found = connections
         self._now = now
         self._named: dict[tuple[str, str], list[Connection]] = defaultdict(list)
         # Services that share a broker's topics have a connection of one name each.
-        for one in sorted(found.connections, key=lambda one: (one.name, one.kind)):
-            self._named[one.name, one.kind].append(one)
+        for connection in sorted(connections.connections, key=lambda item: (item.name, item.kind)):
+            self._named[connection.name, connection.kind].append(connection)
 
     def collect(self) -> Iterator[Metric]:
         """Hand them out."""
         yield self._gauge(
             "thermap_connection_up",
             "1 while a connection has contact, 0 where it, or one of several of its name, has none",
-            lambda all_: float(all(one.connected for one in all_)),
+            lambda all_: float(all(connection.connected for connection in all_)),
         )
         yield self._gauge(
             "thermap_connection_last_value_age_seconds",
@@ -77,20 +77,32 @@ class _Values(Collector):
         yield self._gauge(
             "thermap_connection_known_values",
             "Sensors and states of a connection that have a value now",
-            lambda all_: float(sum(one.known for one in all_)),
+            lambda all_: float(sum(connection.known for connection in all_)),
         )
         yield self._gauge(
             "thermap_connection_trouble",
             "1 where something is the matter with a connection, as the list of connections says",
-            lambda all_: float(any(one.trouble for one in all_)),
+            lambda all_: float(any(connection.trouble for connection in all_)),
         )
-        for name, said, count in (
-            ("taken", "Messages whose values were stored", lambda one: one.taken),
-            ("dropped", "Messages that were dropped, as too many waited", lambda one: one.dropped),
-            ("refused", "Messages or values that were refused", lambda one: one.refused),
-            ("lost", "Observations that were gone before they could be read", lambda one: one.lost),
+        for name, description, count in (
+            ("taken", "Messages whose values were stored", lambda connection: connection.taken),
+            (
+                "dropped",
+                "Messages that were dropped, as too many waited",
+                lambda connection: connection.dropped,
+            ),
+            (
+                "refused",
+                "Messages or values that were refused",
+                lambda connection: connection.refused,
+            ),
+            (
+                "lost",
+                "Observations that were gone before they could be read",
+                lambda connection: connection.lost,
+            ),
         ):
-            yield self._counter(f"thermap_connection_{name}", said, count)
+            yield self._counter(f"thermap_connection_{name}", description, count)
         yield GaugeMetricFamily(
             "thermap_machines_with_wrong_clocks",
             "Machines of whose senders one stated a time that was more than 5 s off, within the "
@@ -99,21 +111,23 @@ class _Values(Collector):
         )
 
     def _age_s(self, all_: Sequence[Connection]) -> float | None:
-        times = [one.last_value_at for one in all_ if one.last_value_at is not None]
+        times = [
+            connection.last_value_at for connection in all_ if connection.last_value_at is not None
+        ]
         return (self._now - max(times)).total_seconds() if times else None
 
     def _gauge(
-        self, name: str, said: str, read: Callable[[Sequence[Connection]], float | None]
+        self, name: str, description: str, read: Callable[[Sequence[Connection]], float | None]
     ) -> Metric:
-        family = GaugeMetricFamily(name, said, labels=LABELS)
+        family = GaugeMetricFamily(name, description, labels=LABELS)
         for which, all_ in self._told():
             value = read(all_)
             if value is not None:
                 family.add_metric(which, value)
         return family
 
-    def _counter(self, name: str, said: str, read: Callable[[Connection], int]) -> Metric:
-        family = CounterMetricFamily(name, said, labels=LABELS)
+    def _counter(self, name: str, description: str, read: Callable[[Connection], int]) -> Metric:
+        family = CounterMetricFamily(name, description, labels=LABELS)
         for which, all_ in self._told():
             family.add_metric(which, sum(map(read, all_)))
         return family

@@ -69,11 +69,11 @@ async def refuse_unknown_query(request: Request) -> None:
     InvalidContent
         That names the parameters of the route.
     """
-    known = [field.alias for field in _query_params(request.scope["route"].dependant)]
+    names = [field.alias for field in _query_params(request.scope["route"].dependant)]
     for name in request.query_params:
-        if name not in known:
+        if name not in names:
             expected = (
-                f"the query parameters {list_names(known)}" if known else "no query parameter"
+                f"the query parameters {list_names(names)}" if names else "no query parameter"
             )
             raise InvalidContent.of_field(name, f"expected {expected}, got {name!r}")
 

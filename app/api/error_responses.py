@@ -77,7 +77,7 @@ _HEADERS = {
 _LONGEST = 4000
 """Characters of a detail."""
 
-_SHOWN = 20
+_MOST_ERRORS = 20
 """Errors listed in one answer: a list of 10,000 readings can have 10,000."""
 
 
@@ -126,8 +126,8 @@ def problem_for(
         detail=_without_surrogates(detail),
         passes=status == 503,
     )
-    kept = {"Cache-Control": "no-store", **(headers or {})}
-    return Page(content, scripts=0, headers=kept, status=status)
+    all_headers = {"Cache-Control": "no-store", **(headers or {})}
+    return Page(content, scripts=0, headers=all_headers, status=status)
 
 
 def problem_of(scope: Scope, error: ThermapError) -> Response:
@@ -135,7 +135,7 @@ def problem_of(scope: Scope, error: ThermapError) -> Response:
     status, title = next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
     headers = _HEADERS.get(status)
     detail = error.detail[:_LONGEST]
-    return problem_for(scope, status, title, detail, error.errors[:_SHOWN], headers)
+    return problem_for(scope, status, title, detail, error.errors[:_MOST_ERRORS], headers)
 
 
 def error_response(request: Request, error: Exception) -> Response:
@@ -157,11 +157,11 @@ def _thermap_error(request: Request, error: ThermapError) -> Response:
 
 
 def _invalid_request(request: Request, error: RequestValidationError | ValidationError) -> Response:
-    found = [field_error(e) for e in error.errors()]
-    least = "at least " if len(found) >= ENOUGH_ERRORS else ""
-    more = f" (and {least}{len(found) - 3} more)" if len(found) > 3 else ""
-    detail = "; ".join(f"{e.field}: {e.message}" for e in found[:3]) + more
-    return problem_for(request.scope, 422, "Invalid content", detail, found[:_SHOWN])
+    field_errors = [field_error(e) for e in error.errors()]
+    least = "at least " if len(field_errors) >= ENOUGH_ERRORS else ""
+    more = f" (and {least}{len(field_errors) - 3} more)" if len(field_errors) > 3 else ""
+    detail = "; ".join(f"{e.field}: {e.message}" for e in field_errors[:3]) + more
+    return problem_for(request.scope, 422, "Invalid content", detail, field_errors[:_MOST_ERRORS])
 
 
 def _http_error(request: Request, error: HTTPException) -> Response:
@@ -188,12 +188,12 @@ def _other_method(request: Request) -> Response:
 
 def methods_at(request: Request) -> list[str]:
     """List the methods of a path: a path that several routes share has those of all."""
-    found = {"OPTIONS"}
+    methods = {"OPTIONS"}
     for context in iter_route_contexts(request.app.routes):
         match, _ = context.matches(request.scope)
         if match is not Match.NONE:
-            found |= context.methods or {"GET"}  # files have none
-    return sorted(found | ({"HEAD"} if "GET" in found else set()))
+            methods |= context.methods or {"GET"}  # files have none
+    return sorted(methods | ({"HEAD"} if "GET" in methods else set()))
 
 
 def _unreadable(error: HTTPException) -> Response:

@@ -53,10 +53,10 @@ def step_diagonal_of(machine: Machine, body: StepDiagonalRequest) -> StepDiagona
 
 def body_diagonal_of(machine: Machine, body: BodyDiagonalRequest) -> BodyDiagonal:
     """Evaluate body diagonals, over the axes' travel where no volume is stated."""
-    stated = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
+    travels = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
     return body_diagonal(
         {name: runs.readings() for name, runs in body.diagonals.items()},
-        volume=travel_volume(machine, stated),
+        volume=travel_volume(machine, travels),
         chain=machine.chain,
         repeatability_um=body.repeatability_um,
     )
@@ -162,9 +162,9 @@ class Evaluation(Generic[Request]):
         try:
             return self.request.model_validate(fields)
         except ValidationError as error:
-            found = [field_error(one) for one in error.errors()]
-            said = "; ".join(f"{one.field}: {one.message}" for one in found)
-            raise InvalidContent(said, found) from None
+            problems = [field_error(raw) for raw in error.errors()]
+            sentence = "; ".join(f"{problem.field}: {problem.message}" for problem in problems)
+            raise InvalidContent(sentence, problems) from None
 
 
 EVALUATIONS: Final[Mapping[str, Evaluation[Any]]] = {

@@ -32,7 +32,7 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     if error["type"] == "json_invalid":
         return FieldError("body", f"expected JSON, got text that is not JSON: {_reason(error)}")
     if error["type"] == "extra_forbidden":
-        return FieldError(".".join(path), f"unknown field; expected {_known(error)}")
+        return FieldError(".".join(path), f"unknown field; expected {_known_names(error)}")
     field = ".".join(path) or "body"
     if isinstance(error.get("input"), bytes):
         return FieldError(field, "expected JSON with the header Content-Type: application/json")
@@ -72,7 +72,7 @@ def _fields_at(schema: Mapping[str, Any], way: Sequence[str | int]) -> list[str]
     """List the fields of the object at a place; those of each kind of object that may be there."""
     nodes = list(_kinds(schema, schema))
     for part in way:
-        inner = [one for node in nodes for one in _inside(schema, node, part)]
+        inner = [inner_node for node in nodes for inner_node in _inside(schema, node, part)]
         nodes = inner or nodes  # a kind's name is no step further in
     return list(dict.fromkeys(name for node in nodes for name in node.get("properties", ())))
 
@@ -80,13 +80,13 @@ def _fields_at(schema: Mapping[str, Any], way: Sequence[str | int]) -> list[str]
 def _inside(
     schema: Mapping[str, Any], node: Mapping[str, Any], part: str | int
 ) -> Iterator[Mapping[str, Any]]:
-    stated = (
+    field_schema = (
         node.get("items")
         if isinstance(part, int)
         else node.get("properties", {}).get(part, node.get("additionalProperties"))
     )
-    if isinstance(stated, Mapping):
-        yield from _kinds(schema, stated)
+    if isinstance(field_schema, Mapping):
+        yield from _kinds(schema, field_schema)
 
 
 def _kinds(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
@@ -100,15 +100,15 @@ def _kinds(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[Mappi
         yield from _kinds(schema, other)
 
 
-def _known(error: Mapping[str, Any]) -> str:
+def _known_names(error: Mapping[str, Any]) -> str:
     """Name the fields that an unknown one was not, those nearest to it where there are many."""
-    known: Sequence[str] = error.get("ctx", {}).get("known", ())
-    if not known:
+    allowed: Sequence[str] = error.get("ctx", {}).get("known", ())
+    if not allowed:
         return "only the documented ones"
-    if len(known) <= _MOST_NAMES:
-        return f"one of {list_names(known)}"
-    near = get_close_matches(str(error["loc"][-1])[:_LONGEST_SHOWN], known)
-    return f"only the documented ones; near it: {list_names(near or known, _MOST_NAMES)}"
+    if len(allowed) <= _MOST_NAMES:
+        return f"one of {list_names(allowed)}"
+    near = get_close_matches(str(error["loc"][-1])[:_LONGEST_SHOWN], allowed)
+    return f"only the documented ones; near it: {list_names(near or allowed, _MOST_NAMES)}"
 
 
 _LENGTHS = {
@@ -147,11 +147,11 @@ _EXPECTED = {
 def _expected(error: Mapping[str, Any], context: Mapping[str, Any]) -> str:
     """Say in a few words what one of pydantic's errors expected."""
     if error["type"] in _LENGTHS:
-        limit, length, one, more = _LENGTHS[error["type"]]
-        return f"{limit} {counted(context[length], one, more)}"
-    known = _EXPECTED.get(error["type"])
-    if known is not None:
-        return known.format(**context)
+        limit, length, singular_word, more = _LENGTHS[error["type"]]
+        return f"{limit} {counted(context[length], singular_word, more)}"
+    template = _EXPECTED.get(error["type"])
+    if template is not None:
+        return template.format(**context)
     return str(error["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
 
 

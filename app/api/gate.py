@@ -51,13 +51,13 @@ class Gate:
         origins: Iterable[str] = (),
     ) -> None:
         self._origins = frozenset(origin.encode("latin-1") for origin in origins)
-        stated = {name.lower() for name in allowed_hosts}
+        configured = {name.lower() for name in allowed_hosts}
         here = socket.gethostname().lower()
         short = here.partition(".")[0]
-        self._own = {"localhost", here, short, f"{short}.local", listens_on.lower(), *stated}
-        self._below = (".localhost", *(name[1:] for name in stated if name.startswith("*.")))
-        self._any = ANY_HOST in stated
-        self._stated = stated
+        self._own = {"localhost", here, short, f"{short}.local", listens_on.lower(), *configured}
+        self._below = (".localhost", *(name[1:] for name in configured if name.startswith("*.")))
+        self._any = ANY_HOST in configured
+        self._stated = configured
         # Whoever polls names the same host each time; foreign ones cannot fill the memory.
         self._is_own = lru_cache(_HOSTS_REMEMBERED)(self._is_own_host)
 
@@ -92,11 +92,11 @@ class Gate:
         # `Sec-Fetch-Site: none` without an origin is an address that somebody typed.
         if origin is None or site == b"same-origin":
             return True
-        scheme, _, stated = origin.lower().partition(b"://")
+        scheme, _, authority = origin.lower().partition(b"://")
         if scheme not in (b"http", b"https"):
             return False  # "null", files, extensions
         # Behind a proxy that states its own address as the host, the name is an allowed one.
-        return stated == (host or b"").lower() or _name_of(stated) in self._stated
+        return authority == (host or b"").lower() or _name_of(authority) in self._stated
 
     def _is_own_host(self, host: bytes) -> bool:
         name = _name_of(host)

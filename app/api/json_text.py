@@ -92,7 +92,7 @@ def without_minus_zeros(text: bytes) -> bytes:
     """
     if not _MINUS_ZERO.search(text):
         return text
-    return _TEXT_OR_MINUS_ZERO.sub(lambda found: found[0].removeprefix(b"-"), text)
+    return _TEXT_OR_MINUS_ZERO.sub(lambda match: match[0].removeprefix(b"-"), text)
 
 
 def _read_at_once(text: bytes) -> Any:
@@ -133,7 +133,7 @@ def _marks(text: bytes) -> _Marks:
         If brackets do not match, or there are more values or levels than anyone needs.
     """
     data = np.frombuffer(text, dtype=np.uint8)
-    found: list[IntArray] = []
+    marks: list[IntArray] = []
     count = 0
     in_string = escaped = False
     for start in range(0, len(data), _BLOCK):
@@ -143,12 +143,12 @@ def _marks(text: bytes) -> _Marks:
         quotes[at] = False
         inside = (np.cumsum(quotes, dtype=np.uint8) & 1).astype(bool) ^ in_string
         here = np.flatnonzero(_IS_MARK[block] & ~inside)
-        found.append(here + start)
+        marks.append(here + start)
         in_string = bool(inside[-1])
         count += int(np.count_nonzero(_STEP[block[here]] >= 0))
         if count > MOST_VALUES:
             raise NoJsonError(f"expected at most {MOST_VALUES} values, got more")
-    where = np.concatenate(found)
+    where = np.concatenate(marks)
     step = _STEP[data[where]]
     depth = np.cumsum(step, dtype=np.int64)
     if len(depth):

@@ -40,10 +40,10 @@ class LongBodies:
         HTTPException
             503, if the turn does not come in time.
         """
-        own = self._by_sender.setdefault(sender, anyio.Semaphore(1))
+        turn = self._by_sender.setdefault(sender, anyio.Semaphore(1))
         async with AsyncExitStack() as turns:
             with anyio.move_on_after(LONGEST_WAIT_S) as waiting:
-                await turns.enter_async_context(own)
+                await turns.enter_async_context(turn)
                 await turns.enter_async_context(self._all)
             if waiting.cancelled_caught:
                 raise HTTPException(

@@ -195,17 +195,19 @@ def _of_watches(values: ShopValues) -> Iterator[Metric]:
     times = _family(
         "thermap_verification_time_seconds", "When the latest verification was measured [Unix time]"
     )
-    said = "of the latest verification: measured minus predicted"
+    quantity = "of the latest verification: measured minus predicted"
     rms = {
-        Unit.UM: _family("thermap_verification_rms_meters", f"Root mean square {said} [m]"),
-        Unit.URAD: _family("thermap_verification_rms_radians", f"Root mean square {said} [rad]"),
+        Unit.UM: _family("thermap_verification_rms_meters", f"Root mean square {quantity} [m]"),
+        Unit.URAD: _family(
+            "thermap_verification_rms_radians", f"Root mean square {quantity} [rad]"
+        ),
     }
     largest = {
         Unit.UM: _family(
-            "thermap_verification_largest_meters", f"Largest, with its sign, {said} [m]"
+            "thermap_verification_largest_meters", f"Largest, with its sign, {quantity} [m]"
         ),
         Unit.URAD: _family(
-            "thermap_verification_largest_radians", f"Largest, with its sign, {said} [rad]"
+            "thermap_verification_largest_radians", f"Largest, with its sign, {quantity} [rad]"
         ),
     }
     for machine in values.machines:
@@ -227,5 +229,5 @@ def _of_watches(values: ShopValues) -> Iterator[Metric]:
 _WATCHES: Final = {"within": 0.0, "beyond": 1.0}
 
 
-def _family(name: str, said: str) -> GaugeMetricFamily:
-    return GaugeMetricFamily(name, said, labels=["machine"])
+def _family(name: str, description: str) -> GaugeMetricFamily:
+    return GaugeMetricFamily(name, description, labels=["machine"])

@@ -35,29 +35,29 @@ class Metrics:
 
     def __init__(self, live: LiveRegistry, worker: int = 0) -> None:
         self.registry = CollectorRegistry()
-        own = {"worker": str(worker)} if worker else {}
-        self._requests = _Requests(own)
+        labels = {"worker": str(worker)} if worker else {}
+        self._requests = _Requests(labels)
         self.registry.register(self._requests)
         self.count = self._requests.count
         machines = Gauge(
             "thermap_machines_in_memory",
             "Machines whose model is in memory",
-            list(own),
+            list(labels),
             registry=self.registry,
         )
-        _of(machines, own).set_function(lambda: len(live))
+        _of(machines, labels).set_function(lambda: len(live))
         away = Gauge(
             "thermap_database_away",
             "1 while the database is away, does not answer or is locked",
-            list(own),
+            list(labels),
             registry=self.registry,
         )
-        _of(away, own).set_function(lambda: live.database.trouble is not None)
+        _of(away, labels).set_function(lambda: live.database.trouble is not None)
 
 
-def _of(gauge: Gauge, own: Mapping[str, str]) -> Gauge:
+def _of(gauge: Gauge, labels: Mapping[str, str]) -> Gauge:
     """Give the one series of a gauge."""
-    return gauge.labels(**own) if own else gauge
+    return gauge.labels(**labels) if labels else gauge
 
 
 class _Times:
@@ -77,8 +77,8 @@ class _Requests(Collector):
     longer than reading a request for a table.
     """
 
-    def __init__(self, own: Mapping[str, str]) -> None:
-        self._own = own
+    def __init__(self, labels: Mapping[str, str]) -> None:
+        self._own = labels
         self._answered: Counter[tuple[str, str, int]] = Counter()
         self._times: defaultdict[tuple[str, str], _Times] = defaultdict(_Times)
 

@@ -29,9 +29,9 @@ def chosen_form(accept: str, offered: Sequence[str]) -> str:
 
 def _media_range(part: str) -> tuple[str, float]:
     media_range, *parameters = (text.strip().lower() for text in part.split(";"))
-    stated = [p.removeprefix("q=") for p in parameters if p.startswith("q=")]
+    weights = [p.removeprefix("q=") for p in parameters if p.startswith("q=")]
     try:
-        return media_range, float(stated[0]) if stated else 1.0
+        return media_range, float(weights[0]) if weights else 1.0
     except ValueError:
         return media_range, 0.0
 

@@ -67,7 +67,7 @@ PROBLEMS = {
     "507": "The database's disk is full: nothing was stored, what is stored can be read",
     "503": "The database is away, or too much waits; try again later",
 }
-_TOLD: tuple[type[Answer], ...] = (WatchChange, AnalysisNews, MissedEntries)
+_STREAM_ONLY: tuple[type[Answer], ...] = (WatchChange, AnalysisNews, MissedEntries)
 """Shapes that streams alone send."""
 
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
@@ -111,7 +111,7 @@ def document_problems(service: FastAPI) -> None:
                 written = model.model_json_schema(ref_template=reference)
                 schemas.update(written.pop("$defs", {}))
                 schemas[model.__name__] = written
-            for shape in _TOLD:
+            for shape in _STREAM_ONLY:
                 adapter: TypeAdapter[Any] = TypeAdapter(shape)
                 schemas[shape.published_as] = adapter.json_schema(
                     mode="serialization", ref_template=reference
@@ -163,8 +163,8 @@ def _follow_names(part: Any, names: Mapping[str, str]) -> None:
         if name in names:
             part["$ref"] = f"{stem}/{names[name]}"
     inside = part.values() if isinstance(part, dict) else part
-    for one in inside if isinstance(part, dict | list) else ():
-        _follow_names(one, names)
+    for inner in inside if isinstance(part, dict | list) else ():
+        _follow_names(inner, names)
 
 
 def swagger_page(title: str) -> Page:

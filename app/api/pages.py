@@ -55,8 +55,10 @@ class Page(HTMLResponse):
         status: int = 200,
         has_form: bool = False,
     ) -> None:
-        found = _scripts(content)
-        hashes = "".join(map(_hash_source, found)) if len(found) == scripts else ""
+        inline_scripts = _scripts(content)
+        hashes = (
+            "".join(map(_hash_source, inline_scripts)) if len(inline_scripts) == scripts else ""
+        )
         forms = "'self'" if has_form else "'none'"
         policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes, forms=forms)}
         super().__init__(content, status, headers={**PAGE_HEADERS, **policy, **(headers or {})})
@@ -77,15 +79,15 @@ def wants_page(scope: Scope) -> bool:
 
 def _scripts(content: str) -> list[str]:
     """Find the scripts that stand in a page: no files, and no data."""
-    found, begin = [], None
+    scripts, begin = [], None
     for tag in _SCRIPT.finditer(content):
         if tag[1] is not None:
             begin = begin or tag
         elif begin is not None:
             if not _NOT_RUN.search(begin[1]):
-                found.append(content[begin.end() : tag.start()])
+                scripts.append(content[begin.end() : tag.start()])
             begin = None
-    return found
+    return scripts
 
 
 def _hash_source(script: str) -> str:

@@ -61,13 +61,15 @@ class RequestLog:
         if not log.isEnabledFor(logging.INFO) or _QUIET.fullmatch(path):
             return
         # What stands behind the question mark may be anybody's secret, and is not written.
-        shown = "".join(letter if letter.isprintable() else "?" for letter in path)[:_LONGEST_PATH]
+        printable = "".join(letter if letter.isprintable() else "?" for letter in path)[
+            :_LONGEST_PATH
+        ]
         duration_ms = round(1000.0 * (perf_counter() - self._began), 2)
-        asked = {"method": self._scope["method"], "path": shown, "status": self.status}
+        fields = {"method": self._scope["method"], "path": printable, "status": self.status}
         log.info(
             "%s %s %d, %s ms, %d bytes",
-            *(asked["method"], shown, self.status, duration_ms, self._bytes),
-            extra=asked | {"duration_ms": duration_ms, "bytes": self._bytes},
+            *(fields["method"], printable, self.status, duration_ms, self._bytes),
+            extra=fields | {"duration_ms": duration_ms, "bytes": self._bytes},
         )
 
 

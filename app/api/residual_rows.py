@@ -16,7 +16,7 @@ from app.services.residuals import ShownResiduals
 SIGNS: Final = {1.0: "+", -1.0: "-", 0.0: "0"}
 
 
-def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[str, Any]]:
+def residual_rows(residuals: ShownResiduals, most: int | None = None) -> list[dict[str, Any]]:
     """Write residuals as objects, in the order in which they were measured.
 
     Parameters
@@ -24,12 +24,12 @@ def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[s
     most
         At most so many; None: all.
     """
-    rows, report = shown.report.residuals.rows, shown.report
+    rows, report = residuals.report.residuals.rows, residuals.report
     names = rows.channels
     units = [channel_unit(name).symbol for name in names]
     return [
         {
-            "verification": shown.verification_ids[rows.verification[i]],
+            "verification": residuals.verification_ids[rows.verification[i]],
             "observation": int(rows.observation[i]),
             "time": datetime.fromtimestamp(rows.times_s[i], UTC),
             "component": names[rows.channel[i]],
@@ -47,9 +47,9 @@ def residual_rows(shown: ShownResiduals, most: int | None = None) -> list[dict[s
     ]
 
 
-def residuals_csv(shown: ShownResiduals) -> str:
+def residuals_csv(residuals: ShownResiduals) -> str:
     """Write all residuals as CSV with a header."""
-    rows = residual_rows(shown)
+    rows = residual_rows(residuals)
     lines = [csv_line(rows[0])]
     for row in rows:
         dated = row | {"time": f"{row['time']:%Y-%m-%dT%H:%M:%S.%fZ}"}

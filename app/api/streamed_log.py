@@ -32,7 +32,7 @@ NewsKind: TypeAlias = Literal["event", "watch", "analysis"]
 
 NEWS: Final[frozenset[str]] = frozenset(("event", "watch", "analysis"))
 
-KEPT: Final = 1000
+MOST_ENTRIES: Final = 1000
 """Entries in memory, of all machines: for those who come back, and for those who read slowly."""
 
 AT_ONCE: Final = 100
@@ -128,12 +128,12 @@ class StreamedLog:
             context = self._context()
             asked_s, mark = time.monotonic(), context.database.log_mark
             with as_service():  # it is read for all who follow
-                found = await run_in_threadpool(read_log_now, context, self.newest, KEPT)
+                log = await run_in_threadpool(read_log_now, context, self.newest, MOST_ENTRIES)
             self._asked_s = asked_s
-            if found is None:
+            if log is None:
                 return False
             self._mark = mark
-            return self._take(found, asked_s)
+            return self._take(log, asked_s)
 
     async def ask_first(self) -> None:
         """Read the log where that has not been done since somebody follows it."""
@@ -160,32 +160,32 @@ class StreamedLog:
             if wants(machine, until if is_present else 0, _name_of(kind))
         )
 
-    def _take(self, found: LogNow, read_s: float) -> bool:
-        tail = found.tail
+    def _take(self, log: LogNow, read_s: float) -> bool:
+        tail = log.tail
         fresh = [_entry(number, event) for number, event in tail.entries]
         if self.newest is None or tail.after > self.newest:
-            kept = fresh
+            entries = fresh
             self.floor = tail.after
         else:
-            kept = [*self._entries, *fresh]
-        if len(kept) > KEPT:
-            self.floor = kept[-KEPT - 1].number
-            kept = kept[-KEPT:]
-        running = {job.machine: self._paced(job, read_s) for job in found.running}
+            entries = [*self._entries, *fresh]
+        if len(entries) > MOST_ENTRIES:
+            self.floor = entries[-MOST_ENTRIES - 1].number
+            entries = entries[-MOST_ENTRIES:]
+        running = {job.machine: self._paced(job, read_s) for job in log.running}
         is_new = bool(fresh) or running != self.running
         self.newest = tail.newest
         if fresh or self.floor is None:
-            self._entries, self._numbers = kept, [entry.number for entry in kept]
+            self._entries, self._numbers = entries, [entry.number for entry in entries]
         self.running = running
         return is_new
 
     def _paced(self, job: AnalysisNews, read_s: float) -> Running:
         """Say how far an analysis is: not each per cent, and not ever so often."""
-        known = self.running.get(job.machine)
-        if known is not None and known.news.analysis == job.analysis:
-            before = replace(known.news, time=job.time)
-            if before == job or read_s - known.read_s < PROGRESS_EVERY_S:
-                return known
+        job_before = self.running.get(job.machine)
+        if job_before is not None and job_before.news.analysis == job.analysis:
+            before = replace(job_before.news, time=job.time)
+            if before == job or read_s - job_before.read_s < PROGRESS_EVERY_S:
+                return job_before
         return Running(job, _ANALYSIS.dump_json(job), read_s)
 
 
@@ -266,10 +266,10 @@ class LogFollower:
             self._running.clear()
             return None
         now = self._log.newest or 0
-        for machine, one in running.items():
-            if self._wants(machine, now, "analysis") and self._running.get(machine) is not one:
-                self._running[machine] = one
-                return News(machine, "analysis", one.content)
+        for machine, job in running.items():
+            if self._wants(machine, now, "analysis") and self._running.get(machine) is not job:
+                self._running[machine] = job
+                return News(machine, "analysis", job.content)
         return None
 
     def _missed(self, count: int | None) -> News:

@@ -83,14 +83,14 @@ class Feed:
             return None
         if number in self.steps:
             return self.steps[number]
-        until = [one for one in self.tables if one <= number]
+        until = [number_ for number_ in self.tables if number_ <= number]
         return self.tables[until[-1]] if until else None
 
 
 def remember(tables: OrderedDict[int, Table], table: Table) -> None:
     """Keep what a later table is compared with, for those who come back."""
     tables[table.number] = replace(table, content=b"", current=None)
-    taken = sum(one.bytes for one in tables.values())
+    taken = sum(sent_table.bytes for sent_table in tables.values())
     while len(tables) > REMEMBERED or taken > REMEMBERED_BYTES:
         _, oldest = tables.popitem(last=False)
         taken -= oldest.bytes

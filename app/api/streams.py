@@ -165,8 +165,8 @@ class TableStreams:
             heartbeat = format_sse_event(event="heartbeat", data_str="{}")
         who = viewer or Everything()
         async with aclosing(self._events(machine_id, wanted, who)) as events:
-            async for one in events:
-                yield heartbeat if one is None else _written(one)
+            async for stream_event in events:
+                yield heartbeat if stream_event is None else _written(stream_event)
 
     async def all_tables(
         self, min_change: float, max_step: float | None
@@ -174,9 +174,9 @@ class TableStreams:
         """Give what changes of all machines to those who do not ask over HTTP."""
         wanted = Wanted(min_change, max_step)
         async with aclosing(self._events(None, wanted, Everything())) as events:
-            async for one in events:
-                if one is not None:
-                    yield TableEvent(one.machine, one.name, one.content)
+            async for stream_event in events:
+                if stream_event is not None:
+                    yield TableEvent(stream_event.machine, stream_event.name, stream_event.content)
 
     async def _events(
         self, machine_id: str | None, wanted: Wanted, viewer: Viewer
@@ -212,13 +212,13 @@ class TableStreams:
                 is_gone = machine_id is not None and not feeds
                 if is_gone and log_wanted:
                     await self._log.ask(now_s)  # it was deleted, and the log says so
-                left = AT_ONCE
-                while (is_gone or left) and (one := await entries.next()) is not None:
-                    left, sent_s = left - 1, now_s
-                    yield StreamEvent(one.machine, at.id, one.name, one.content)
+                budget = AT_ONCE
+                while (is_gone or budget) and (entry := await entries.next()) is not None:
+                    budget, sent_s = budget - 1, now_s
+                    yield StreamEvent(entry.machine, at.id, entry.name, entry.content)
                 if self._ends or is_gone:
                     return
-                if log_wanted and not left:
+                if log_wanted and not budget:
                     continue
                 if now_s - sent_s >= heartbeat_s:
                     sent_s = now_s
@@ -287,7 +287,7 @@ class TableStreams:
         if machine_id is None and self._all:
             return live.machines()
         ids = self._followed if machine_id is None else [machine_id]
-        return [machine for one in ids if (machine := live.get(one)) is not None]
+        return [machine for id_ in ids if (machine := live.get(id_)) is not None]
 
     def _followed_feeds(self, machine_id: str | None) -> list[Feed]:
         """List the feeds of the machines that there are, or of the one.
@@ -295,14 +295,14 @@ class TableStreams:
         Tables that are older come first: who breaks off is not taken to have had those.
         """
         ids = self._feeds if machine_id is None else [machine_id]
-        feeds = [self._feeds[one] for one in ids if one in self._feeds]
+        feeds = [self._feeds[machine_key] for machine_key in ids if machine_key in self._feeds]
         return sorted(feeds, key=lambda feed: 0 if feed.table is None else feed.table.number)
 
     def _look_at(self, machines: Sequence[LiveMachine]) -> bool:
         """Bring feeds up to date; True where something is new."""
         context = self._context()
         now_s = time.monotonic()
-        gone = [one for one in self._feeds if context.live.get(one) is None]
+        gone = [id_ for id_ in self._feeds if context.live.get(id_) is None]
         for machine_id in gone:
             del self._feeds[machine_id]
         is_new = bool(gone)

@@ -99,7 +99,7 @@ def _components_json(table: CompensationTable) -> bytes:
     """Write all components: one array of numbers, one text of it, cut where the ranges end."""
     layout = LAYOUTS.of(
         tuple([state.members for state in table.states]),
-        tuple([_known(state) for state in table.states]),
+        tuple([_error_flags(state) for state in table.states]),
         tuple([entry.component.code for entry in table.corrected]),
     )
     rows = [row for state in table.states for row in _rows(state)]
@@ -135,13 +135,13 @@ def _effect_fields(effect: EffectInTable) -> dict[str, Any]:
         "measure_again": effect.measure_again,
         "sureness": [
             {
-                "component": one.component,
-                "expected": round(one.expected, 4),
-                "learnt_error": round(one.learnt_error, 4),
-                "wander_error": round(one.wander_error, 4),
-                "corrected": round(one.corrected, 4),
+                "component": term.component,
+                "expected": round(term.expected, 4),
+                "learnt_error": round(term.learnt_error, 4),
+                "wander_error": round(term.wander_error, 4),
+                "corrected": round(term.corrected, 4),
             }
-            for one in effect.sureness
+            for term in effect.sureness
         ],
     }
 
@@ -178,10 +178,10 @@ def _direction_fields(
     standard_errors: FloatArray | None,
 ) -> dict[str, Any]:
     component = entry.component
-    known = {component.error_field: errors, component.compensation_field: 0.0 - errors}
+    columns = {component.error_field: errors, component.compensation_field: 0.0 - errors}
     if standard_errors is not None:
-        known[component.standard_error_field] = _never_0(standard_errors)
-    fields = {before + name: rounded(values) for name, values in known.items()}
+        columns[component.standard_error_field] = _never_0(standard_errors)
+    fields = {before + name: rounded(values) for name, values in columns.items()}
     return fields if component.is_table else {k: float(v[0]) for k, v in fields.items()}
 
 
@@ -195,7 +195,7 @@ def _columns(members: Sequence[Member]) -> list[slice]:
     return [c for member in members for c in (member.forward, member.backward) if c is not None]
 
 
-def _known(state: GroupState) -> tuple[bool, ...] | None:
+def _error_flags(state: GroupState) -> tuple[bool, ...] | None:
     """Say of each range of columns whether its standard errors are known: all or none are.
 
     None: the group has none.
@@ -252,16 +252,16 @@ class Layouts:
     def of(
         self,
         groups: tuple[tuple[Member, ...], ...],
-        known: tuple[tuple[bool, ...] | None, ...],
+        with_errors: tuple[tuple[bool, ...] | None, ...],
         corrected: tuple[str, ...],
     ) -> _Layout:
         """Find the layout of a table, or make it: arguments as `_layout`."""
-        key = (groups, known, corrected)
-        found = self._kept.get(key)
-        if found is None:
-            found = _layout(*key)
-            self._keep(key, found)
-        return found
+        key = (groups, with_errors, corrected)
+        layout = self._kept.get(key)
+        if layout is None:
+            layout = _layout(*key)
+            self._keep(key, layout)
+        return layout
 
     def _keep(self, key: _Key, layout: _Layout) -> None:
         with self._lock:
@@ -284,7 +284,7 @@ LAYOUTS = Layouts(LAYOUTS_BYTES)
 
 def _layout(
     groups: tuple[tuple[Member, ...], ...],
-    known: tuple[tuple[bool, ...] | None, ...],
+    with_errors: tuple[tuple[bool, ...] | None, ...],
     corrected: tuple[str, ...],
 ) -> _Layout:
     """Lay out the table of all states that share their positions.
@@ -296,7 +296,7 @@ def _layout(
     """
     components: dict[int, list[tuple[bytes, _Numbers | int]]] = {}
     start = 0
-    for i, (members, has_standard_errors) in enumerate(zip(groups, known, strict=True)):
+    for i, (members, has_standard_errors) in enumerate(zip(groups, with_errors, strict=True)):
         width = max((columns.stop for columns in _columns(members)), default=0)
         flags = iter(has_standard_errors or (False,) * len(_columns(members)))
         for member in members:
@@ -345,7 +345,7 @@ class _Numbers(NamedTuple):
 
 
 def _member_fields(
-    member: Member, start: int, width: int, known: Iterator[bool]
+    member: Member, start: int, width: int, with_errors: Iterator[bool]
 ) -> list[tuple[bytes, _Numbers | int]]:
     """Lay out a component's fields: unchanging text, and the numbers that follow it.
 
@@ -353,7 +353,7 @@ def _member_fields(
     ----------
     start, width
         Where the group's errors begin, and how many there are: its standard errors follow.
-    known
+    with_errors
         For each of the member's ranges of columns whether its standard errors are known.
     """
     component = member.component
@@ -364,9 +364,9 @@ def _member_fields(
             continue
         errors = slice(start + columns.start, start + columns.stop)
         fields.append((before + component.error_field, _Numbers(errors)))
-        if next(known):
-            own = slice(errors.start + width, errors.stop + width)
-            fields.append((before + component.standard_error_field, _Numbers(own)))
+        if next(with_errors):
+            columns_of_errors = slice(errors.start + width, errors.stop + width)
+            fields.append((before + component.standard_error_field, _Numbers(columns_of_errors)))
         fields.append((before + component.compensation_field, _Numbers(errors, -1)))
     if component.iso:
         only = slice(start + member.forward.start, start + member.forward.stop)
@@ -415,7 +415,11 @@ def _basis_fields(basis: Basis, effects: Sequence[str] = ()) -> dict[str, Any]:
     return {
         "sensor": basis.sensor,
         **stand_in,
-        **({"follows": to_digits_in([one._asdict() for one in follows])} if follows else {}),
+        **(
+            {"follows": to_digits_in([followed._asdict() for followed in follows])}
+            if follows
+            else {}
+        ),
         "temperature_c": temperature_c,
         "lower_map": basis.lower_map,
         "upper_map": basis.upper_map,

@@ -15,7 +15,7 @@ from fastapi import Depends, Query, Request
 from app.api.bodies import body_of_at_most, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath, machine_in_memory
 from app.api.evaluations import EVALUATIONS
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import CsvErrorMap
 from app.api.files.uploaded_map import read_uploaded_map
 from app.api.files.uploaded_verification import UploadedVerification, read_uploaded_verification
@@ -59,7 +59,7 @@ FileName = Annotated[
 class Beside:
     """What is stated of a file beside it."""
 
-    stated: Stated
+    stated: Header
     method: str | None
 
     @property
@@ -113,7 +113,7 @@ def _beside(
             "method", f"expected one of {list_names(EVALUATIONS)}, got {method!r}"
         )
     time = None if measured_at is None else measured_at.isoformat()
-    return Beside(Stated(label, time, _temperatures(temperature or ()), axis), method)
+    return Beside(Header(label, time, _temperatures(temperature or ()), axis), method)
 
 
 def _temperatures(stated: Sequence[str]) -> dict[str, float]:

@@ -71,11 +71,11 @@ def _written(vectors: FloatArray) -> bytes:
 def _short(head: dict[str, Any]) -> str:
     """Write the head for a header: warnings that make it too long are only counted."""
     warnings = head["warnings"]
-    shown = len(warnings)
-    while len(text := _ascii(head)) > LONGEST_HEADER and shown:
-        shown //= 2
-        more = f"and {len(warnings) - shown} more warnings; JSON has them all"
-        head = head | {"warnings": [*warnings[:shown], more]}
+    count = len(warnings)
+    while len(text := _ascii(head)) > LONGEST_HEADER and count:
+        count //= 2
+        more = f"and {len(warnings) - count} more warnings; JSON has them all"
+        head = head | {"warnings": [*warnings[:count], more]}
     return text
 
 
@@ -90,7 +90,7 @@ def _npy(numbers: FloatArray) -> bytes:
     return buffer.getvalue()
 
 
-def _arrow(numbers: FloatArray, said: str) -> bytes:
+def _arrow(numbers: FloatArray, metadata: str) -> bytes:
     rows = numbers.reshape(-1, len(COLUMNS))
     columns: dict[str, Any] = dict(zip(COLUMNS, np.ascontiguousarray(rows.T), strict=True))
     kinds: dict[str, Any] = dict.fromkeys(COLUMNS, nanoarrow.float64())
@@ -103,7 +103,7 @@ def _arrow(numbers: FloatArray, said: str) -> bytes:
         for name, column in columns.items()
     ]
     schema = nanoarrow.c_schema(nanoarrow.struct(kinds, nullable=False))
-    schema = schema.modify(metadata={"thermap": said})
+    schema = schema.modify(metadata={"thermap": metadata})
     batch = nanoarrow.c_array_from_buffers(
         schema, len(rows), [None], children=children, null_count=0
     )

@@ -53,50 +53,55 @@ def accuracy(
     """
     question = field_question(temperature, tool, missing_as_zero)
     with connect(url) as thermap, in_options():
-        found = thermap.volumetric_accuracy(machine, question)
+        answer = thermap.volumetric_accuracy(machine, question)
         levels = thermap.compensation_levels(machine, question)
     if json:
-        both = {"accuracy": found.model_dump(mode="json"), "levels": levels.model_dump(mode="json")}
+        both = {
+            "accuracy": answer.model_dump(mode="json"),
+            "levels": levels.model_dump(mode="json"),
+        }
         write_document(orjson.dumps(both).decode() + "\n")
         return
-    console().print(accuracy_view(found, levels))
+    console().print(accuracy_view(answer, levels))
 
 
-def accuracy_view(found: AccuracyAnswer, levels: LevelsAnswer) -> RenderableType:
+def accuracy_view(answer: AccuracyAnswer, levels: LevelsAnswer) -> RenderableType:
     """Lay out both answers for a terminal."""
-    volume = " × ".join(f"{axis} {t.min_mm:g} to {t.max_mm:g}" for axis, t in found.volume.items())
-    head = Text(f"{found.machine}, model version {found.model_version}; {volume} mm")
-    parts: list[RenderableType] = [head, _definitions(found), _levels(levels)]
-    if found.counted_as_zero:
-        parts.append(Text(f"! counted as zero: {', '.join(found.counted_as_zero)}", style="yellow"))
-    parts += [Text(f"! {warning}", style="yellow") for warning in found.warnings]
+    volume = " × ".join(f"{axis} {t.min_mm:g} to {t.max_mm:g}" for axis, t in answer.volume.items())
+    head = Text(f"{answer.machine}, model version {answer.model_version}; {volume} mm")
+    parts: list[RenderableType] = [head, _definitions(answer), _levels(levels)]
+    if answer.counted_as_zero:
+        parts.append(
+            Text(f"! counted as zero: {', '.join(answer.counted_as_zero)}", style="yellow")
+        )
+    parts += [Text(f"! {warning}", style="yellow") for warning in answer.warnings]
     return Group(*parts)
 
 
-def _definitions(found: AccuracyAnswer) -> Table:
+def _definitions(answer: AccuracyAnswer) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("volumetric accuracy", "", "of"):
         table.add_column(heading, justify="right" if not heading else "left")
     rows = [
         (
             "definition 1",
-            found.with_arms.definition_1_um,
+            answer.with_arms.definition_1_um,
             "µm",
             "error at the tool, longest vector",
         ),
-        ("definition 2", found.with_arms.definition_2_um, "µm", "error at the tool, ranges"),
-        ("definition 1", found.linear.definition_1_um, "µm", "translations alone (8.118)"),
-        ("definition 2", found.linear.definition_2_um, "µm", "translations alone (8.128)"),
-        ("definition 1", found.angular.definition_1_urad, "µrad", "rotations (8.119)"),
-        ("definition 2", found.angular.definition_2_urad, "µrad", "rotations (8.129)"),
-        ("Ed", found.Ed_um, "µm", "largest range on a body diagonal (ISO 230-6)"),
-        ("ESd", found.ESd_um, "µm", "range over all body diagonals"),
-        ("ELv", found.ELv_um, "µm", "displacement along the axes"),
-        ("ELSv", found.ELSv_um, "µm", "displacement, straightness, squareness"),
+        ("definition 2", answer.with_arms.definition_2_um, "µm", "error at the tool, ranges"),
+        ("definition 1", answer.linear.definition_1_um, "µm", "translations alone (8.118)"),
+        ("definition 2", answer.linear.definition_2_um, "µm", "translations alone (8.128)"),
+        ("definition 1", answer.angular.definition_1_urad, "µrad", "rotations (8.119)"),
+        ("definition 2", answer.angular.definition_2_urad, "µrad", "rotations (8.129)"),
+        ("Ed", answer.Ed_um, "µm", "largest range on a body diagonal (ISO 230-6)"),
+        ("ESd", answer.ESd_um, "µm", "range over all body diagonals"),
+        ("ELv", answer.ELv_um, "µm", "displacement along the axes"),
+        ("ELSv", answer.ELSv_um, "µm", "displacement, straightness, squareness"),
     ]
     for name, value, unit, of in rows:
         table.add_row(name, f"{value:.2f} {unit}", of)
-    for name, ratio in found.ratios.items():
+    for name, ratio in answer.ratios.items():
         below = {"M1": "ELv", "M2": "Ed", "M3": "ESd"}[name]
         table.add_row(name, "–" if ratio is None else f"{ratio:.2f}", f"ELSv/{below}")
     return table

@@ -266,21 +266,21 @@ def _check_cancel(output: Path | None, *, cancels: bool, is_fleet: bool, json: b
         )
 
 
-def _show(found: bytes | RenderableType) -> None:
+def _show(content: bytes | RenderableType) -> None:
     """Write JSON, or a view."""
-    if isinstance(found, bytes):
-        write_document(found.decode() + "\n")
+    if isinstance(content, bytes):
+        write_document(content.decode() + "\n")
     else:
-        console().print(found)
+        console().print(content)
 
 
 def _show_plan(
     thermap: ThermapClient, machine: str, files: Sequence[VerificationFile], *, json: bool
 ) -> None:
     """Ask what the files' observations, or those that are stored, could see."""
-    for one in files:
-        for remark in one.remarks:
-            echo(f"{one.file}: note: {remark}", err=True)
+    for verification_file in files:
+        for remark in verification_file.remarks:
+            echo(f"{verification_file.file}: note: {remark}", err=True)
     question = (
         {"planned": [one.body for one in files]}
         if files
@@ -299,17 +299,17 @@ def _refused(error: InvalidContentError, files: Sequence[VerificationFile]) -> T
     """Name file, line and column of what the service refuses of planned observations."""
     reason = [
         line
-        for i, one in enumerate(files)
-        for line in one.complaints(_inside(error.errors, f"planned.{i}."))
+        for i, verification_file in enumerate(files)
+        for line in verification_file.complaints(_inside(error.errors, f"planned.{i}."))
     ]
     return NotAnalysed("\n".join(reason) or error.sentence)
 
 
 def _inside(errors: Iterable[FieldError], prefix: str) -> Iterator[FieldError]:
     """Choose the errors of one file, as its own body has their fields."""
-    for one in errors:
-        if one.field.startswith(prefix):
-            yield FieldError(one.field.removeprefix(prefix), one.message)
+    for field_error in errors:
+        if field_error.field.startswith(prefix):
+            yield FieldError(field_error.field.removeprefix(prefix), field_error.message)
 
 
 def _expect_comparable(
@@ -322,17 +322,19 @@ def _expect_comparable(
     NotAnalysed
         If that is everything.
     """
-    observed = {c for one in files for c in one.components}
+    observed = {c for verification_file in files for c in verification_file.components}
     active = thermap.machine(machine).active_model
     if not files or not observed:
         return
     covered = None if active is None else thermap.model_coverage(machine, active)
-    known = set(covered.components if covered else ())
-    lacking = sorted(observed - known, key=ORDER.__getitem__)
+    covered_codes = set(covered.components if covered else ())
+    lacking = sorted(observed - covered_codes, key=ORDER.__getitem__)
     if not lacking:
         return
     reason = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
-    if not known & observed and not any(one.has_points for one in files):
+    if not covered_codes & observed and not any(
+        verification_file.has_points for verification_file in files
+    ):
         raise NotAnalysed(
             "nothing was sent, because there is nothing to compare it with: no table has " + reason
         )
@@ -424,9 +426,9 @@ def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analy
     """Adopt what helps; say what was left, and first which sensors should be assigned."""
     if result.proposals:
         echo(result.what_next[0], err=True)
-    for one in result.effects:
-        if not one.helps:
-            echo(f"not adopted: {sentence(one.explanation)}: {one.why_not}", err=True)
+    for effect in result.effects:
+        if not effect.helps:
+            echo(f"not adopted: {sentence(effect.explanation)}: {effect.why_not}", err=True)
     if not any(one.helps for one in result.effects) and not result.is_refit_due:
         echo("nothing was adopted: no effect is known to help", err=True)
         return

@@ -76,27 +76,27 @@ def read_verifications(
     UnreadableFile
         With file, line and column of everything that is wrong.
     """
-    found: list[VerificationFile] = []
+    read_files: list[VerificationFile] = []
     complaints: list[str] = []
     for file in files:
         try:
             with refusing_other_kind(FileKind.CHECK, file):
-                found.append(_read(file, machine, is_planned))
+                read_files.append(_read(file, machine, is_planned))
         except UnreadableFile as error:
             complaints.append(error.detail)
     if complaints:
         raise UnreadableFile("\n".join(["nothing was sent:", *complaints]))
-    return found
+    return read_files
 
 
 def preview_verifications(files: Sequence[VerificationFile]) -> None:
     """Show what was read of files that hold verifications; nothing is sent."""
-    for one in files:
-        for remark in one.remarks:
-            echo(f"{one.file}: note: {remark}", err=True)
-        shape = VerificationRequest.model_validate(one.body)
-        show_what_was_read(one.file, read_of_verification(shape.to_verification()))
-        echo(f"{one.file}: a preview, nothing was stored")
+    for verification_file in files:
+        for remark in verification_file.remarks:
+            echo(f"{verification_file.file}: note: {remark}", err=True)
+        shape = VerificationRequest.model_validate(verification_file.body)
+        show_what_was_read(verification_file.file, read_of_verification(shape.to_verification()))
+        echo(f"{verification_file.file}: a preview, nothing was stored")
 
 
 def store_verifications(
@@ -115,29 +115,29 @@ def store_verifications(
     UnreadableFile
         With line and column of what the service refuses.
     """
-    for i, one in enumerate(files):
-        for remark in one.remarks:
-            echo(f"{one.file}: note: {remark}", err=True)
+    for i, verification_file in enumerate(files):
+        for remark in verification_file.remarks:
+            echo(f"{verification_file.file}: note: {remark}", err=True)
         unsent = [later.file for later in files[i + 1 :]]
-        with naming(one.file, unsent):
+        with naming(verification_file.file, unsent):
             try:
-                found = thermap.store_verification(machine, one.body)
+                answer = thermap.store_verification(machine, verification_file.body)
             except InvalidContentError as error:
-                if not (one.lines and error.errors):
+                if not (verification_file.lines and error.errors):
                     raise
-                reason = one.complaints(error.errors)
+                reason = verification_file.complaints(error.errors)
                 reason += [f"not sent after it: {list_names(map(str, unsent))}"] if unsent else []
                 raise UnreadableFile("\n".join(reason)) from error
-        for warning in found.warnings:
-            if warning not in one.remarks:
-                echo(f"{one.file}: note: {warning}", err=True)
+        for warning in answer.warnings:
+            if warning not in verification_file.remarks:
+                echo(f"{verification_file.file}: note: {warning}", err=True)
         echo(
-            f"{one.file}: verification {found.label!r}, number {found.id}, "
-            f"{counted(found.count, 'observation')}"
-            + (f". {found.judgement.summary}" if found.judgement else ""),
+            f"{verification_file.file}: verification {answer.label!r}, number {answer.id}, "
+            f"{counted(answer.count, 'observation')}"
+            + (f". {answer.judgement.summary}" if answer.judgement else ""),
             err=True,
         )
-        stored.append(found.id)
+        stored.append(answer.id)
 
 
 def _read(file: Path, machine: str, is_planned: bool) -> VerificationFile:

@@ -70,7 +70,7 @@ def analysis_view(result: Analysis) -> RenderableType:
 def _assignments(result: Analysis) -> Iterator[RenderableType]:
     """Say which components should follow another sensor, before what was found on the present."""
     lines = [
-        *(Text(proposal_words(one), style="bold yellow") for one in result.proposals),
+        *(Text(proposal_words(proposal), style="bold yellow") for proposal in result.proposals),
         *(Text(line, style="dim") for line in staying_words(result.assignments)),
     ]
     if lines:
@@ -81,7 +81,7 @@ def _assignments(result: Analysis) -> Iterator[RenderableType]:
 
 def _about_figures(result: Analysis) -> Iterator[Text]:
     """Say from where figures count, and why a floor is not known."""
-    zeros = zeros_text([result.before.zero, *(one.zero for one in result.components)])
+    zeros = zeros_text([result.before.zero, *(component.zero for component in result.components)])
     if zeros:
         yield Text(zeros)
     if result.floor_unknown:
@@ -96,12 +96,12 @@ def _components(result: Analysis) -> Table:
     table.add_column("unit", no_wrap=True)
     table.add_column("values", justify="right")
     components = sorted(result.components, key=_is_unchanged)
-    for one in components[:COMPONENTS_SHOWN]:
-        decimals = decimals_for(one.noise)
-        cells = [figure_text(size, decimals) for size in (*one.shown_rms, one.floor)]
-        name = component_name(one.component)
-        table.add_row(name, *cells, one.unit, str(one.count))
-    before, after = (one.shown_rms for one in (result.before, result.after))
+    for component in components[:COMPONENTS_SHOWN]:
+        decimals = decimals_for(component.noise)
+        cells = [figure_text(size, decimals) for size in (*component.shown_rms, component.floor)]
+        name = component_name(component.component)
+        table.add_row(name, *cells, component.unit, str(component.count))
+    before, after = (figures.shown_rms for figures in (result.before, result.after))
     decimals = decimals_for(result.noise)
     cells = [figure_text(size, decimals) for size in (before, after, result.floor)]
     more = len(components) - COMPONENTS_SHOWN
@@ -128,8 +128,10 @@ def _refitted(refitted: Sequence[RefittedEffect]) -> Iterator[RenderableType]:
     """Say what becomes of the effects that the model has."""
     if refitted:
         yield Text("adopted before:", style="bold")
-        told = (Padding(Text(sentence(one.explanation)), (0, 0, 0, 2)) for one in refitted)
-        yield from told
+        explanations = (
+            Padding(Text(sentence(refit.explanation)), (0, 0, 0, 2)) for refit in refitted
+        )
+        yield from explanations
         yield Text()
 
 
@@ -169,8 +171,8 @@ def _unexplained_lines(result: Analysis) -> Iterator[RenderableType]:
             f"observation scatters by {sizes[1]}{moving}",
             style="yellow",
         )
-    for one in result.excluded:
-        yield Text(f"left out: {counted(one.count, 'value')}, {one.reason}")
+    for group in result.excluded:
+        yield Text(f"left out: {counted(group.count, 'value')}, {group.reason}")
     if result.unexplained or result.excluded:
         yield Text()
 
@@ -199,7 +201,7 @@ def told_apart(seen: Sequence[PlannedEffect]) -> str:
     >>> told_apart([replace(one, distinguishable_rms=None)])
     'never (other sensor)'
     """
-    factors = sorted((_factor(one), one.rival.kind) for one in seen if one.rival)
+    factors = sorted((_factor(effect), effect.rival.kind) for effect in seen if effect.rival)
     if not factors:
         return "it has no rival"
     factor, rival = factors[len(factors) // 2]
@@ -210,10 +212,10 @@ def told_apart(seen: Sequence[PlannedEffect]) -> str:
     return f"{factor:.2g} × ({kind_name(rival)})"
 
 
-def _factor(one: PlannedEffect) -> float:
-    if one.distinguishable_rms is None:
+def _factor(effect: PlannedEffect) -> float:
+    if effect.distinguishable_rms is None:
         return inf
-    return one.distinguishable_rms / max(one.smallest_rms, 1e-12)
+    return effect.distinguishable_rms / max(effect.smallest_rms, 1e-12)
 
 
 def _smallest_seen(seen: Sequence[PlannedEffect]) -> Table:
@@ -223,10 +225,10 @@ def _smallest_seen(seen: Sequence[PlannedEffect]) -> Table:
     for unit in units:
         table.add_column(unit, justify="right", no_wrap=True)
     table.add_column("size to tell it from its rival")
-    for kind in dict.fromkeys(one.kind for one in seen):
-        own = [one for one in seen if one.kind == kind]
-        ranges = [size_range(own, unit, DECIMALS) for unit in units]
-        table.add_row(kind_name(kind), *ranges, told_apart(own))
+    for kind in dict.fromkeys(effect.kind for effect in seen):
+        effects = [effect for effect in seen if effect.kind == kind]
+        ranges = [size_range(effects, unit, DECIMALS) for unit in units]
+        table.add_row(kind_name(kind), *ranges, told_apart(effects))
     return table
 
 

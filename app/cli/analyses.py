@@ -135,11 +135,20 @@ def analyses_view(found: Sequence[AnalysisHead]) -> RenderableType:
         *("no.", "asked for [UTC]", "status", "done [%]", "of version", "verifications", "adopted"),
         right="rllrrlr",
     )
-    for one in found:
-        adopted = "–" if one.adopted_version is None else f"version {one.adopted_version}"
+    for analysis in found:
+        adopted = "–" if analysis.adopted_version is None else f"version {analysis.adopted_version}"
         table.add_row(
-            *(str(one.id), when(one.created_at), str(one.status), f"{100.0 * one.progress:.0f}"),
-            *(str(one.model_version), list_names(map(str, one.verifications), 6), adopted),
+            *(
+                str(analysis.id),
+                when(analysis.created_at),
+                str(analysis.status),
+                f"{100.0 * analysis.progress:.0f}",
+            ),
+            *(
+                str(analysis.model_version),
+                list_names(map(str, analysis.verifications), 6),
+                adopted,
+            ),
         )
     return or_nothing(table, "no analysis yet; `thermap analyse` asks for one")
 
@@ -149,14 +158,14 @@ def analysis_view(job: AnalysisAnswer) -> RenderableType:
     from app.cli.analyse_view import analysis_view as result_view
 
     adopted = job.adopted_version
-    known = [
+    rows = [
         ("analysis", f"{job.id}, {job.status}"),
         ("of", f"model version {job.model_version}"),
         ("verifications", list_names(map(str, job.verifications))),
         ("adopted", "no" if adopted is None else f"as model version {adopted}"),
     ]
     if job.message:
-        known.append(("says", job.message))
+        rows.append(("says", job.message))
     if job.result is None:
-        return facts(*known, ("done", f"{100.0 * job.progress:.0f} %"))
-    return Group(facts(*known), Text(), result_view(job.result))
+        return facts(*rows, ("done", f"{100.0 * job.progress:.0f} %"))
+    return Group(facts(*rows), Text(), result_view(job.result))

@@ -100,12 +100,12 @@ def followed_sensors(assignment: Mapping[str, str], **limited: int) -> Table:
     return table
 
 
-def facts(*known: tuple[str, str]) -> Table:
+def facts(*rows: tuple[str, str]) -> Table:
     """Lay out what is known of one thing: a name and what it says in each row."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
-    for name, says in known:
+    for name, says in rows:
         table.add_row(name, says)
     return table
 

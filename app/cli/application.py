@@ -165,13 +165,13 @@ class Commands(TyperGroup):
 def load(name: str) -> Any:
     """Load a command, or a group of commands."""
     home = COMMANDS[name]
-    found = getattr(import_module(f"app.cli.{home.module}"), home.name)
-    if isinstance(found, typer.Typer):
-        return typer.main.get_command(found)
+    command = getattr(import_module(f"app.cli.{home.module}"), home.name)
+    if isinstance(command, typer.Typer):
+        return typer.main.get_command(command)
     alone = typer.Typer(
         add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"
     )
-    alone.command(name)(found)
+    alone.command(name)(command)
     return typer.main.get_command(alone)
 
 
@@ -185,8 +185,8 @@ application = typer.Typer(
 )
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(requested: bool) -> None:
+    if requested:
         echo(f"thermap {package.__version__}")
         raise typer.Exit
 

@@ -84,7 +84,7 @@ def restore(
 
 def _of_keys(keys: RestoredKeys) -> Iterator[str]:
     """Say what became of keys, where there are any."""
-    told = (
+    named_keys = (
         (keys.restored, "keys that came back with the backup"),
         (keys.remain, "keys that stay as they are in the database"),
         (keys.revoked, "keys revoked, as the backup does not have the machines they were for"),
@@ -96,7 +96,7 @@ def _of_keys(keys: RestoredKeys) -> Iterator[str]:
         ),
         (keys.unreadable, "keys of the backup left out, with a role that this version lacks"),
     )
-    for names, what in told:
+    for names, what in named_keys:
         if names:
             yield f"{what}: {list_names(names)}"
 

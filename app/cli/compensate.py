@@ -132,13 +132,13 @@ class ComponentRow:
     remark: str = ""
 
 
-def evenly_chosen(count: int, shown: int) -> list[int]:
+def evenly_chosen(count: int, rows: int) -> list[int]:
     """Choose indices evenly, both ends among them.
 
     >>> evenly_chosen(21, 5), evenly_chosen(3, 5), evenly_chosen(1, 5)
     ([0, 5, 10, 15, 20], [0, 1, 2], [0])
     """
-    chosen = np.linspace(0, count - 1, min(count, shown)).round()
+    chosen = np.linspace(0, count - 1, min(count, rows)).round()
     return sorted({int(i) for i in chosen})
 
 
@@ -181,7 +181,7 @@ def table_view(
     for effect in answer.effects:
         if effect.in_table:
             parts.append(Text(f"+ {effect.kind}: {sentence(effect.explanation)}", style="dim"))
-            parts.extend(Text(f"  {_sure(one)}", style="dim") for one in effect.sureness)
+            parts.extend(Text(f"  {_sure(sureness)}", style="dim") for sureness in effect.sureness)
     blank = [] if tight else [Text()]
     for entries in _by_origin(answer.components):
         parts.extend([*blank, _origin(entries[0])])
@@ -190,17 +190,19 @@ def table_view(
     if layout is Layout.PAIRED:
         parts.append(Text(_SIGN_ALONE, style="dim"))
     elif not tight:
-        parts.append(Text("\n" + SIGN + _left_out(answer, _shown(width), hint), style="dim"))
+        parts.append(Text("\n" + SIGN + _left_out(answer, _rows_in(width), hint), style="dim"))
     return Group(*parts)
 
 
-def _sure(one: SurenessAnswer) -> str:
+def _sure(sureness: SurenessAnswer) -> str:
     """Say how sure a learnt effect is now, and how much of it is therefore in the table."""
-    symbol = COMPONENTS[one.component].unit.symbol
-    error = math.hypot(one.learnt_error, one.wander_error)
-    expected = f"{one.expected:+.1f} ± {error:.1f} {symbol} expected now"
-    said = f"{one.component}: {expected}, {one.corrected:+.1f} {symbol} of it in the table"
-    return said.replace("-", "−")
+    symbol = COMPONENTS[sureness.component].unit.symbol
+    error = math.hypot(sureness.learnt_error, sureness.wander_error)
+    expected = f"{sureness.expected:+.1f} ± {error:.1f} {symbol} expected now"
+    words = (
+        f"{sureness.component}: {expected}, {sureness.corrected:+.1f} {symbol} of it in the table"
+    )
+    return words.replace("-", "−")
 
 
 def _by_origin(
@@ -269,7 +271,7 @@ def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int, layout:
     if layout is Layout.PAIRED and in_halves >= _LEAST_IN_HALVES:
         return _paired(entries, in_halves)
     positions = entries[0].positions_mm or []
-    chosen = evenly_chosen(len(positions), _shown(width)) if positions else [0]
+    chosen = evenly_chosen(len(positions), _rows_in(width)) if positions else [0]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
     rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
@@ -295,10 +297,10 @@ def _shown_in_halves(entries: Sequence[ComponentCompensationAnswer], width: int)
     return min(beside // (2 * (max(_HALF_NUMBER, *widths) + 1)), POSITIONS_SHOWN)
 
 
-def _paired(entries: Sequence[ComponentCompensationAnswer], shown: int) -> Table:
+def _paired(entries: Sequence[ComponentCompensationAnswer], rows: int) -> Table:
     """Lay an axis' compensation out in two halves: displacements, and rotations beside them."""
     positions = entries[0].positions_mm or []
-    chosen = evenly_chosen(len(positions), shown)
+    chosen = evenly_chosen(len(positions), rows)
     halves: tuple[list[list[str]], list[list[str]]] = ([], [])
     for entry in entries:
         for row in _component_rows(entry, chosen):
@@ -320,7 +322,7 @@ def _empty_table() -> Table:
     return Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
 
 
-def _shown(width: int) -> int:
+def _rows_in(width: int) -> int:
     """Say how many positions fit beside the words of a row."""
     beside = (width - (_CHAPTER + _WORD + _UNIT + 3)) // (_NUMBER + 1)
     return min(max(beside, 2), POSITIONS_SHOWN)
@@ -396,8 +398,8 @@ def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
     return [values[i] for i in chosen]
 
 
-def _left_out(answer: CompensationAnswer, shown: int, hint: str) -> str:
+def _left_out(answer: CompensationAnswer, rows: int, hint: str) -> str:
     most = max((len(entry.positions_mm or ()) for entry in answer.components), default=0)
-    if most <= shown:
+    if most <= rows:
         return ""
-    return f". {shown} of {most} positions; {hint}"
+    return f". {rows} of {most} positions; {hint}"

@@ -57,11 +57,14 @@ def check(
     """
     from app.connections.config import read_connections
 
-    found = read_connections(file)
-    for what, named in (("connection", found.connections), ("receiver", found.notify)):
+    connections_file = read_connections(file)
+    for what, named in (
+        ("connection", connections_file.connections),
+        ("receiver", connections_file.notify),
+    ):
         if named or what == "connection":
             number = counted(len(named), what)
-            echo(f"{file}: {number}: {list_names(one.name for one in named)}")
+            echo(f"{file}: {number}: {list_names(table.name for table in named)}")
 
 
 @connections.command()
@@ -97,27 +100,29 @@ def certificate(
         ) from None
     names = hosts or [socket.gethostname()]
     try:
-        made = write_pair(file, key, f"urn:{names[0]}:thermap", names)
+        written = write_pair(file, key, f"urn:{names[0]}:thermap", names)
     except OSError as why:
         raise InvalidContent(
             f"expected to make the new files {file} and {key}: {why.strerror}: {why.filename}"
         ) from None
-    echo(f"{file}: {made.words}, valid to {made.content.not_valid_after_utc:%Y-%m-%d}")
+    echo(f"{file}: {written.words}, valid to {written.content.not_valid_after_utc:%Y-%m-%d}")
     echo(f"{key}: its private key, which nobody else may read")
 
 
 def connections_view(found: ConnectionsNow) -> RenderableType:
     """Lay out all connections, those with trouble first, and what became of what they read."""
     table = listing("name", "kind", "machines", "contact", "last value (UTC)", "values", "trouble")
-    for one in sorted(found.connections, key=lambda one: (one.connected, not one.trouble)):
+    for connection in sorted(
+        found.connections, key=lambda item: (item.connected, not item.trouble)
+    ):
         table.add_row(
-            one.name,
-            one.kind,
-            list_names(one.machines, limit=3),
-            Text("yes") if one.connected else Text("no", style="bold red"),
-            when(one.last_value_at),
-            str(one.known),
-            Text(_trouble(one)),
+            connection.name,
+            connection.kind,
+            list_names(connection.machines, limit=3),
+            Text("yes") if connection.connected else Text("no", style="bold red"),
+            when(connection.last_value_at),
+            str(connection.known),
+            Text(_trouble(connection)),
         )
     counts = (
         f"{counted(found.stored, 'reading')} stored, {found.dropped} dropped, "
@@ -132,7 +137,7 @@ def connections_view(found: ConnectionsNow) -> RenderableType:
     return Group(or_nothing(table, nothing), Text(), Text(counts), *last)
 
 
-def _trouble(one: Connection) -> str:
+def _trouble(connection: Connection) -> str:
     """Say what is the matter, and what was lost."""
-    lost = f"{counted(one.lost, 'observation')} lost" if one.lost else ""
-    return "; ".join(words for words in (one.trouble, lost) if words)
+    lost = f"{counted(connection.lost, 'observation')} lost" if connection.lost else ""
+    return "; ".join(words for words in (connection.trouble, lost) if words)

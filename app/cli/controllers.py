@@ -85,14 +85,22 @@ def controllers(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
         if json:
             write_document(thermap.content(calls.controllers()).decode() + "\n")
             return
-        found = thermap.controllers().controllers
+        formats = thermap.controllers().controllers
     terminal = console()
-    for one in found:
-        sign = f"the {one.sign}" if one.sign else "to be stated (sign=error or sign=compensation)"
-        terminal.print(Text(one.name, style="bold"), Text(f"{one.title} · {one.status}"))
-        terminal.print(Text(f"  values: {sign}, {one.units}; positions: {one.spacing}"))
-        terminal.print(Text(f"  limits: {one.limits}"))
-        for option in one.options:
+    for controller in formats:
+        sign = (
+            f"the {controller.sign}"
+            if controller.sign
+            else "to be stated (sign=error or sign=compensation)"
+        )
+        terminal.print(
+            Text(controller.name, style="bold"), Text(f"{controller.title} · {controller.status}")
+        )
+        terminal.print(
+            Text(f"  values: {sign}, {controller.units}; positions: {controller.spacing}")
+        )
+        terminal.print(Text(f"  limits: {controller.limits}"))
+        for option in controller.options:
             default = "needed" if option.required else f"default {json_text.dumps(option.default)}"
             terminal.print(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
 
@@ -138,16 +146,16 @@ def export(
     with connect(url) as thermap, in_options():
         call = calls.export_compensation(machine, controller, question)
         content = thermap.content(call)
-        found = ExportAnswer.model_validate_json(content, extra="ignore")
+        answer = ExportAnswer.model_validate_json(content, extra="ignore")
     if output is not None:
-        write_files(output, found.files, overwrite=overwrite)
+        write_files(output, answer.files, overwrite=overwrite)
     if json:
         write_document(content.decode() + "\n")
         return
     terminal = console()
-    terminal.print(export_view(found))
+    terminal.print(export_view(answer))
     where = f"written to {output}" if output else "written nowhere: state --output FOLDER"
-    terminal.print(Text(f"{list_names(file.name for file in found.files)}: {where}"))
+    terminal.print(Text(f"{list_names(file.name for file in answer.files)}: {where}"))
 
 
 def compare(
@@ -172,8 +180,8 @@ def compare(
     if json:
         write_document(content.decode() + "\n")
         return
-    found = CompareAnswer.model_validate_json(content, extra="ignore")
-    console().print(compare_view(found))
+    answer = CompareAnswer.model_validate_json(content, extra="ignore")
+    console().print(compare_view(answer))
 
 
 def _question(temperature: Iterable[str] | None, option: Iterable[str] | None, tool: str) -> Any:
@@ -201,7 +209,7 @@ def _bands(
     }
 
 
-def read_options(stated: Iterable[str] | None) -> dict[str, Any]:
+def read_options(texts: Iterable[str] | None) -> dict[str, Any]:
     """Read `NAME=VALUE` as often as it is stated: a number, JSON, or text as it is.
 
     Raises
@@ -214,15 +222,15 @@ def read_options(stated: Iterable[str] | None) -> dict[str, Any]:
     >>> read_options(["sign=error", "spacing_mm=50", 'axes={"x": "AX1"}'])
     {'sign': 'error', 'spacing_mm': 50, 'axes': {'x': 'AX1'}}
     """
-    found: dict[str, Any] = {}
-    for text in stated or ():
+    options: dict[str, Any] = {}
+    for text in texts or ():
         name, equals, written = text.partition("=")
-        if not name.strip() or not equals or name.strip() in found:
+        if not name.strip() or not equals or name.strip() in options:
             raise typer.BadParameter(
                 f"expected NAME=VALUE, each name once, got {text!r}", param_hint="--option"
             )
-        found[name.strip()] = _value_of(written.strip())
-    return found
+        options[name.strip()] = _value_of(written.strip())
+    return options
 
 
 def _value_of(written: str) -> Any:
@@ -288,34 +296,36 @@ def write_files(folder: Path, files: Iterable[NamedText], *, overwrite: bool = F
         raise NotWritten(f"cannot write into {folder}: {error.strerror}") from None
 
 
-def export_view(found: ExportAnswer) -> RenderableType:
+def export_view(answer: ExportAnswer) -> RenderableType:
     """Lay out an export for a terminal."""
-    temperatures = ", ".join(f"{s} {t:.2f} °C" for s, t in found.temperatures_c.items())
+    temperatures = ", ".join(f"{s} {t:.2f} °C" for s, t in answer.temperatures_c.items())
     head = (
-        f"{found.machine}, model version {found.model_version}, at {temperatures}; "
-        f"{found.controller}, values are the {found.sign}"
+        f"{answer.machine}, model version {answer.model_version}, at {temperatures}; "
+        f"{answer.controller}, values are the {answer.sign}"
     )
     parts: list[RenderableType] = [Text(head)]
-    if found.check:
+    if answer.check:
         parts += [Text("\nCheck after loading: a move, and how much further than before it ends"),
-                  _checks(found.check), Text()]  # fmt: skip
-    for band in found.bands or []:
+                  _checks(answer.check), Text()]  # fmt: skip
+    for band in answer.bands or []:
         ends = ", ".join(f"{s} {band.from_c[s]:.2f} to {t:.2f}" for s, t in band.to_c.items())
         parts += [Text(f"{band.folder}: {ends} °C"), _checks(band.check)]
     resampled = ", ".join(
-        f"{one.component} {one.largest_deviation:.2f} {one.unit}" for one in found.resampling
+        f"{row.component} {row.largest_deviation:.2f} {row.unit}" for row in answer.resampling
     )
     parts.append(Text(f"spacing and rounding add at most: {resampled}"))
-    parts += _not_held("not held", found.not_held)
-    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
+    parts += _not_held("not held", answer.not_held)
+    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in answer.warnings]
     return Group(*parts)
 
 
-def _not_held(what: str, found: Iterable[NotHeldAnswer]) -> list[Text]:
+def _not_held(what: str, omissions: Iterable[NotHeldAnswer]) -> list[Text]:
     """Say once why components are not in the files, and how much each of them is at most."""
     alike: dict[str, list[str]] = {}
-    for one in found:
-        alike.setdefault(one.why, []).append(f"{one.component} {one.largest:.2f} {one.unit}")
+    for omission in omissions:
+        alike.setdefault(omission.why, []).append(
+            f"{omission.component} {omission.largest:.2f} {omission.unit}"
+        )
     return [
         Text(f"! {what}: {', '.join(sizes)} at most; {why}", style="yellow")
         for why, sizes in alike.items()
@@ -324,14 +334,14 @@ def _not_held(what: str, found: Iterable[NotHeldAnswer]) -> list[Text]:
 
 def _checks(checks: Iterable[CheckAnswer]) -> Table:
     table = listing("axis", "to [mm]", "direction", "moves", "by [µm]", "shows", right="lrllrl")
-    for one in checks:
+    for check in checks:
         table.add_row(
-            one.axis.upper(),
-            f"{one.position_mm:g}",
-            one.direction,
-            one.moved_axis.upper(),
-            f"{one.expected_movement_um:+.2f}",
-            one.component,
+            check.axis.upper(),
+            f"{check.position_mm:g}",
+            check.direction,
+            check.moved_axis.upper(),
+            f"{check.expected_movement_um:+.2f}",
+            check.component,
         )
     return table
 
@@ -343,20 +353,20 @@ _STATES = {
 }
 
 
-def compare_view(found: CompareAnswer) -> RenderableType:
+def compare_view(answer: CompareAnswer) -> RenderableType:
     """Lay out a comparison for a terminal."""
-    head = f"{found.machine}, model version {found.model_version}: held minus wanted"
+    head = f"{answer.machine}, model version {answer.model_version}: held minus wanted"
     table = listing("component", "largest", "RMS", "at [mm]", "direction", "", right="lrrrll")
-    for one in found.components:
+    for component in answer.components:
         table.add_row(
-            one.component,
-            f"{one.largest:+.2f} {one.unit}",
-            f"{one.rms:.2f} {one.unit}",
-            "" if one.position_mm is None else f"{one.position_mm:g}",
-            one.direction,
-            _STATES[one.state],
+            component.component,
+            f"{component.largest:+.2f} {component.unit}",
+            f"{component.rms:.2f} {component.unit}",
+            "" if component.position_mm is None else f"{component.position_mm:g}",
+            component.direction,
+            _STATES[component.state],
         )
     parts: list[RenderableType] = [Text(head), table]
-    parts += _not_held("not compared", found.not_held)
-    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in found.warnings]
+    parts += _not_held("not compared", answer.not_held)
+    parts += [Text(f"! {sentence(warning)}", style="yellow") for warning in answer.warnings]
     return Group(*parts)

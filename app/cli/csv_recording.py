@@ -99,8 +99,8 @@ def read_recording(
     text = read_delimited(file, problems)
     matches = _match_columns(text, sensors, columns)
     states = _match_states(text, matches, columns)
-    time = _time_column(text, [one for one in matches if one.thing in _TIMES])
-    of_sensors = by_field(text, [one for one in matches if one.thing not in _TIMES])
+    time = _time_column(text, [match for match in matches if match.thing in _TIMES])
+    of_sensors = by_field(text, [match for match in matches if match.thing not in _TIMES])
     if not of_sensors:
         problems.add(
             f"expected columns named as the sensors {list_names(sensors)}, got "
@@ -110,26 +110,26 @@ def read_recording(
     problems.raise_if_any()
     table = Columns(text, {**of_sensors, "time": time})
     names = {field: name for name in sensors if (field := normal_heading(name)) in of_sensors}
-    found: dict[float, _Line] = {}
+    lines: dict[float, _Line] = {}
     for row in text.rows:
         time_s = _read_time(table, row, zone)
         line = _Line(row, _read_values(table, row, names), _read_states(text, row, states))
         if time_s is None or not line.temperatures_c:
             continue
-        earlier = found.setdefault(time_s, line)
+        earlier = lines.setdefault(time_s, line)
         if (earlier.temperatures_c, earlier.states) != (line.temperatures_c, line.states):
             table.complain(
                 row, "time", f"expected each time once, got the time of line {earlier.row.line}"
             )
-    if not found:
+    if not lines:
         problems.add("expected lines with a time and temperatures, got none")
     problems.raise_if_any()
-    times = sorted(found)
-    read = {*states, *(one.index for one in matches)}
+    times = sorted(lines)
+    read = {*states, *(match.index for match in matches)}
     return Recording(
         times,
-        [found[time_s].temperatures_c for time_s in times],
-        [found[time_s].states for time_s in times],
+        [lines[time_s].temperatures_c for time_s in times],
+        [lines[time_s].states for time_s in times],
         time.thing.quantity is None,
         [heading for i, heading in enumerate(text.headings) if heading and i not in read],
     )
@@ -147,8 +147,8 @@ def _match_columns(
     text: DelimitedText, sensors: Sequence[str], columns: Mapping[str, str]
 ) -> list[Column]:
     """Find the columns of times and sensors, by their names or as the command line says."""
-    stated = {name.lower(): meaning for name, meaning in columns.items()}
-    absent = stated.keys() - {heading.lower() for heading in text.headings}
+    meanings = {name.lower(): meaning for name, meaning in columns.items()}
+    absent = meanings.keys() - {heading.lower() for heading in text.headings}
     if absent:
         raise typer.BadParameter(
             f"the file has no column {list_names(sorted(absent))}; "
@@ -157,10 +157,10 @@ def _match_columns(
         )
     fields = sorted(map(normal_heading, sensors), key=len, reverse=True)
     things = [*_TIMES, *(Named(field, _CELSIUS) for field in fields)]
-    _expect_celsius(text, dict(zip(map(normal_heading, sensors), sensors, strict=True)), stated)
+    _expect_celsius(text, dict(zip(map(normal_heading, sensors), sensors, strict=True)), meanings)
     by_index = {one.index: one for one in match_columns(text, things)}
     for i, heading in enumerate(text.headings):
-        match = named(things, stated.get(heading.lower(), ""))
+        match = named(things, meanings.get(heading.lower(), ""))
         if match:
             by_index[i] = Column(*match, i)
     return [by_index[i] for i in sorted(by_index)]
@@ -170,23 +170,23 @@ def _match_states(
     text: DelimitedText, matches: Sequence[Column], columns: Mapping[str, str]
 ) -> dict[int, str]:
     """Find the columns `state NAME`, by their headings or as the command line says."""
-    stated = {name.lower(): meaning for name, meaning in columns.items()}
-    taken = {one.index for one in matches}
+    meanings = {name.lower(): meaning for name, meaning in columns.items()}
+    taken = {match.index for match in matches}
     headings = [
-        "" if i in taken else stated.get(heading.lower(), heading)
+        "" if i in taken else meanings.get(heading.lower(), heading)
         for i, heading in enumerate(text.headings)
     ]
     return names_after(replace(text, headings=headings), STATE)
 
 
 def _expect_celsius(
-    text: DelimitedText, sensors: Mapping[str, str], stated: Mapping[str, str]
+    text: DelimitedText, sensors: Mapping[str, str], meanings: Mapping[str, str]
 ) -> None:
     """Refuse a sensor's column in another unit, which would be left out otherwise."""
     for i, heading in enumerate(text.headings):
         for field, name in sensors.items():
             unit = Named(field, _CELSIUS).unit_in(heading)
-            if unit in _NOT_CELSIUS and heading.lower() not in stated:
+            if unit in _NOT_CELSIUS and heading.lower() not in meanings:
                 text.problems.add(
                     f"expected {name} in °C, got the unit {unit!r}",
                     text.heading_line,
@@ -194,17 +194,17 @@ def _expect_celsius(
                 )
 
 
-def _time_column(text: DelimitedText, found: Sequence[Column]) -> Column:
+def _time_column(text: DelimitedText, time_columns: Sequence[Column]) -> Column:
     """Check the column of times; a number in `time` is a count whose unit is missing."""
-    if len(found) != 1:
+    if len(time_columns) != 1:
         text.problems.add(
             f"expected one column of times ({', '.join(TIME_COLUMNS)}), got "
-            f"{list_names(text.headings[one.index] for one in found)}; "
+            f"{list_names(text.headings[one.index] for one in time_columns)}; "
             "--column NAME=time_s names another",
             text.heading_line,
         )
         text.problems.raise_if_any()
-    (column,) = found
+    (column,) = time_columns
     first = text.rows[0].cells[column.index] if text.rows else ""
     if column.thing.quantity is None and read_number(first) is not None:
         heading = text.headings[column.index]

@@ -73,11 +73,11 @@ def live_view(table: CurrentCompensationAnswer, console: Console) -> RenderableT
     return _cut(min(too_high, key=len), max(rows - 1, 0))
 
 
-def _cut(lines: list[list[Segment]], shown: int) -> RenderableType:
+def _cut(lines: list[list[Segment]], rows: int) -> RenderableType:
     """Show as many lines as there is room for, and say how high the terminal should be."""
     return Group(
-        SegmentLines(lines[:shown], new_lines=True),
-        Text(f"and {len(lines) - shown} more lines in a terminal of {len(lines) + 1}", "yellow"),
+        SegmentLines(lines[:rows], new_lines=True),
+        Text(f"and {len(lines) - rows} more lines in a terminal of {len(lines) + 1}", "yellow"),
     )
 
 

@@ -30,7 +30,7 @@ def week_hint(url: str) -> RenderableType:
             "another simulated machine, with a week of readings and 20 visits (loaded within "
             "seconds), and an effect that its model lacks. In another terminal:",
         ),
-        *(Text(f"  {one}{at}", no_wrap=True, overflow="ignore") for one in commands),
+        *(Text(f"  {command}{at}", no_wrap=True, overflow="ignore") for command in commands),
     )
 
 
@@ -100,8 +100,8 @@ def compare_later(thermap: ThermapClient, week: Week) -> ModelComparisonAnswer:
         versions = thermap.models(ID)
     except UnknownThingError:
         raise Conflict(f"{thermap.base_url} has no machine {ID!r}: start `thermap demo`") from None
-    adopted = [one.version for one in versions if one.effects]
-    plain = [one.version for one in versions if not one.effects]
+    adopted = [version.version for version in versions if version.effects]
+    plain = [version.version for version in versions if not version.effects]
     if not adopted or not plain:
         raise Conflict(f"no effect is adopted yet: `thermap analyse {ID} --adopt` first")
     numbers = store_measured(thermap, ID, week.after.readings, week.after.verifications)

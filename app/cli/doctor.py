@@ -63,16 +63,16 @@ def doctor(
 
     Example: `thermap doctor --backups /srv/backups`
     """
-    stated = {
+    sources = {
         name
         for name in ("url", "database_url")
         if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
     }
     parts: list[Iterator[Finding]] = []
-    if stated != {"url"}:
+    if sources != {"url"}:
         parts.append(_database(database_url))
-    if stated != {"database_url"}:
-        parts.append(examine_service(url, must_run="url" in stated))
+    if sources != {"database_url"}:
+        parts.append(examine_service(url, must_run="url" in sources))
     if config is not None:
         parts.append(_config(config))
     if backups is not None:
@@ -82,14 +82,18 @@ def doctor(
     if json:
         echo(
             json_text.dumps(
-                {"verdict": verdict, "findings": [asdict(one) for one in findings]},
+                {"verdict": verdict, "findings": [asdict(finding) for finding in findings]},
                 ensure_ascii=False,
             )
         )
     else:
         table = listing("", "about", "")
-        for one in findings:
-            table.add_row(Text(one.grade, style=_STYLES[one.grade]), one.about, one.sentence)
+        for finding_ in findings:
+            table.add_row(
+                Text(finding_.grade, style=_STYLES[finding_.grade]),
+                finding_.about,
+                finding_.sentence,
+            )
         show_view(table)
     if verdict is Grade.TROUBLE:
         raise typer.Exit(1)

@@ -58,22 +58,22 @@ def events(
     first = None if since is None else read_time(since, "--from")
     last = None if until is None else read_time(until, "--to")
     with connect(url) as thermap:
-        asked = (first, last, kind or (), None, limit)
-        call = calls.all_events(*asked) if machine is None else calls.events(machine, *asked)
+        query = (first, last, kind or (), None, limit)
+        call = calls.all_events(*query) if machine is None else calls.events(machine, *query)
         show(thermap, call, partial(_view, of_all=machine is None), json=json)
 
 
-def _view(found: Events, *, of_all: bool) -> RenderableType:
+def _view(page: Events, *, of_all: bool) -> RenderableType:
     table = listing("time", *(["machine"] if of_all else []), "kind", "what")
     for column in table.columns[:-1]:
         column.no_wrap = True
-    for event in found.events:
+    for event in page.events:
         where = [event.machine or ""] if of_all else []
-        table.add_row(when(event.time), *where, event.kind, _told(event))
+        table.add_row(when(event.time), *where, event.kind, _words(event))
     return or_nothing(table, "nothing has happened")
 
 
-def _told(event: Event) -> Text:
+def _words(event: Event) -> Text:
     """Say what happened, how often and until when, and who did it."""
     repeated = "" if event.count == 1 else f" ({event.count} times)"
     lasted = "" if event.until is None else f" (until {when(event.until)})"

@@ -81,14 +81,14 @@ def _version(url: str, version: str) -> Finding:
 
 def _clock(url: str) -> Finding:
     before = datetime.now(UTC)
-    stated = _ask(url, "/healthz").headers.get("date", "")
+    date_header = _ask(url, "/healthz").headers.get("date", "")
     after = datetime.now(UTC)
     try:
         # Whole seconds, rounded down, and written down to a second before.
-        said = parsedate_to_datetime(stated) + _SECOND / 2
+        service_time = parsedate_to_datetime(date_header) + _SECOND / 2
     except ValueError:
         return warning("clock of the service", f"{url} does not say what time it has.")
-    ahead = said - (before + (after - before) / 2)
+    ahead = service_time - (before + (after - before) / 2)
     return examine_clock("clock of the service", "The service's", ahead, _SECOND)
 
 
@@ -144,16 +144,17 @@ def _readiness(thermap: ThermapClient) -> Iterator[Finding]:
 
 def _connections(thermap: ThermapClient) -> Iterator[Finding]:
     now = thermap.connections()
-    for one in now.connections:
-        about = f"connection {one.name}"
-        if one.connected and not one.trouble:
-            yield ok(about, f"There is contact with {one.endpoint}.")
+    for connection in now.connections:
+        about = f"connection {connection.name}"
+        if connection.connected and not connection.trouble:
+            yield ok(about, f"There is contact with {connection.endpoint}.")
         else:
-            say = warning if one.connected else trouble
-            what = f": {one.trouble}" if one.trouble else ""
+            say = warning if connection.connected else trouble
+            what = f": {connection.trouble}" if connection.trouble else ""
             yield say(
                 about,
-                f"There is {'' if one.connected else 'no '}contact with {one.endpoint}{what}.",
+                f"There is {'' if connection.connected else 'no '}contact with "
+                f"{connection.endpoint}{what}.",
             )
     if now.machines_with_wrong_clocks:
         yield warning(
@@ -171,13 +172,13 @@ def _connections(thermap: ThermapClient) -> Iterator[Finding]:
 
 
 def _receivers(thermap: ThermapClient) -> Iterator[Finding]:
-    for one in thermap.receivers().receivers:
-        about = f"receiver {one.name}"
-        if one.trouble:
-            waits = f"; {list_names(one.waiting, limit=5)} waits" if one.waiting else ""
-            yield trouble(about, f"It is not told of alarms: {one.trouble}{waits}.")
+    for receiver in thermap.receivers().receivers:
+        about = f"receiver {receiver.name}"
+        if receiver.trouble:
+            waits = f"; {list_names(receiver.waiting, limit=5)} waits" if receiver.waiting else ""
+            yield trouble(about, f"It is not told of alarms: {receiver.trouble}{waits}.")
         else:
-            last = f"{one.sent_at:%Y-%m-%d %H:%M} UTC" if one.sent_at else "none yet"
+            last = f"{receiver.sent_at:%Y-%m-%d %H:%M} UTC" if receiver.sent_at else "none yet"
             yield ok(about, f"It is told of alarms; the last message: {last}.")
 
 

@@ -79,8 +79,8 @@ def cancel_every_analysis(
     """Cancel the analyses of a fleet that wait or run."""
     answer = _read(thermap, loop_calls.cancel_fleet(_question(effects, holdout)))
     _say_refused(answer)
-    said = f"cancelled: {list_names(answer.done)}" if answer.done else "nothing was going on"
-    echo(said, err=True)
+    words = f"cancelled: {list_names(answer.done)}" if answer.done else "nothing was going on"
+    echo(words, err=True)
 
 
 def _question(effects: Sequence[str] | None, holdout: float) -> dict[str, Any]:
@@ -106,10 +106,10 @@ def _judged(thermap: ThermapClient, question: Mapping[str, Any]) -> FleetJudgeme
     ) as progress:
         task = progress.add_task("analysing", total=None)
         while True:
-            asked = _read(thermap, loop_calls.analyse_fleet(question))
-            judged = _follow(thermap, question, asked, progress, task)
-            if not asked.queue_full:
-                _say_refused(asked)
+            answer = _read(thermap, loop_calls.analyse_fleet(question))
+            judged = _follow(thermap, question, answer, progress, task)
+            if not answer.queue_full:
+                _say_refused(answer)
                 return judged
             progress.update(task, description="waiting: too many analyses wait")
             time.sleep(ROOM_S)
@@ -139,7 +139,7 @@ def _follow(
 
 def _going_on(answer: FleetAnswer) -> list[str]:
     """List the machines whose analysis waits or runs."""
-    jobs = [(one.machine, one.analysis) for one in answer.machines]
+    jobs = [(machine.machine, machine.analysis) for machine in answer.machines]
     return [machine for machine, job in jobs if job is not None and job.status in GOING_ON]
 
 
@@ -149,15 +149,15 @@ def _show(judgement: FleetJudgement) -> None:
     terminal.print(judgement.summary)
     table = Table("machine", "verdict", "drifts", "found", box=None, pad_edge=False)
     for machine in judgement.machines:
-        found = machine.why_not or "; ".join(machine.found) or "–"
+        outcome = machine.why_not or "; ".join(machine.found) or "–"
         table.add_row(
             machine.machine,
             machine.verdict or "not judged",
             "yes" if machine.drifts else "–",
-            found,
+            outcome,
         )
     terminal.print(table)
     for effect in judgement.effects:
         terminal.print(f"\n{sentence(effect.explanation)}\n  {effect.summary}")
-        for one in effect.tried_on:
-            terminal.print(f"  {one.machine}: {one.result.verdict}; {one.result.reason}")
+        for trial in effect.tried_on:
+            terminal.print(f"  {trial.machine}: {trial.result.verdict}; {trial.result.reason}")

@@ -212,22 +212,22 @@ def follow(
         raise NotStarted(f"cannot run {python}: {error.strerror}") from None
 
 
-def _units(stated: str) -> str:
-    if stated not in ("mm", "inch"):
-        raise typer.BadParameter(f"expected mm or inch, got {stated!r}", param_hint="--units")
-    return stated
+def _units(text: str) -> str:
+    if text not in ("mm", "inch"):
+        raise typer.BadParameter(f"expected mm or inch, got {text!r}", param_hint="--units")
+    return text
 
 
-def _joints(stated: str | None, axes: int = len(AXES)) -> list[list[int]]:
+def _joints(text: str | None, axes: int = len(AXES)) -> list[list[int]]:
     """Read the joints of each axis, as `0,1+2,3`."""
-    if stated is None:
+    if text is None:
         return [[number] for number in range(axes)]
-    of_axes = [[word.strip() for word in axis.split("+")] for axis in stated.split(",")]
+    of_axes = [[word.strip() for word in axis.split("+")] for axis in text.split(",")]
     words = [*chain(*of_axes)]
     if len(set(words)) != len(words) or not all(map(_is_joint, words)):
         raise typer.BadParameter(
             f"expected different joints, each 0 to {LAST_JOINT}, such as 0,1,2, or 0,1+2,3 where "
-            f"two move an axis together, got {stated!r}",
+            f"two move an axis together, got {text!r}",
             param_hint="--joints",
         )
     return [[int(word) for word in axis] for axis in of_axes]
@@ -239,34 +239,34 @@ def _is_joint(word: str) -> bool:
 
 def _nodes(machine: MachineAnswer, maps: Sequence[ErrorMapAnswer]) -> Nodes:
     """Choose each axis' nodes from its maps and its travel."""
-    own = [axis for axis in AXES if axis.upper() in machine.configuration]
-    missing = [axis.upper() for axis in own if axis not in machine.axes]
+    axes = [axis for axis in AXES if axis.upper() in machine.configuration]
+    missing = [axis.upper() for axis in axes if axis not in machine.axes]
     if missing:
         raise NotStarted(
             f"expected the travel of all axes of {machine.configuration}, got none of "
             f"{list_names(missing)}"
         )
-    curves = curves_between(own)
-    travels = [machine.axes[axis] for axis in own]
+    curves = curves_between(axes)
+    travels = [machine.axes[axis] for axis in axes]
     return {
         axis: nodes_of(
             (travel.min_mm, travel.max_mm),
             [
                 position
-                for one in maps
-                for row in one.components
+                for error_map in maps
+                for row in error_map.components
                 if row.component in curves and curves[row.component][1] == axis
                 for position in row.positions_mm or ()
             ],
         )
-        for axis, travel in zip(own, travels, strict=True)
+        for axis, travel in zip(axes, travels, strict=True)
     }
 
 
 def _not_in_curves(maps: Sequence[ErrorMapAnswer], axes: Iterable[str]) -> list[str]:
     """Say what of the maps the motors will not follow."""
     curves = curves_between(axes)
-    rows = [row for one in maps for row in one.components]
+    rows = [row for error_map in maps for row in error_map.components]
     halves: dict[str, float] = {}
     for row in rows:
         if row.component in curves and row.errors_um and row.backward_errors_um:

@@ -59,7 +59,7 @@ _SHARE_ENDED: Final = 20
 
 
 @dataclass(slots=True)
-class _Asked:
+class _UnansweredRequest:
     """A request that is not answered, and how much of its body has come."""
 
     cycle: RequestResponseCycle
@@ -108,12 +108,12 @@ class SharedLimits:
         if self.body_bytes <= half:
             return
         with_bodies = [(c.holder, c) for c in _ours(connections) if c.body_bytes]
-        held: Counter[str] = Counter()
+        bytes_by_holder: Counter[str] = Counter()
         for holder, connection in with_bodies:
-            held[holder] += connection.body_bytes
+            bytes_by_holder[holder] += connection.body_bytes
         if self.body_bytes > self.most_body_bytes:
-            most = max(held, key=held.__getitem__, default=latest.holder)
-        elif held[latest.holder] > half:
+            most = max(bytes_by_holder, key=bytes_by_holder.__getitem__, default=latest.holder)
+        elif bytes_by_holder[latest.holder] > half:
             most = latest.holder
         else:
             return
@@ -147,7 +147,7 @@ class PatientProtocol(HttpToolsProtocol):
         self.is_receiving = True
         self.has_headers = False
         self.unread: tuple[float, int] | None = None
-        self.unanswered: deque[_Asked] = deque()
+        self.unanswered: deque[_UnansweredRequest] = deque()
         self.refusal: Refusal | None = None
         self.ended_at: float | None = None
         if len(self.connections) >= self.limits.most_connections:
@@ -162,8 +162,8 @@ class PatientProtocol(HttpToolsProtocol):
         The server tells it to the last one that came only. Where several were sent at once, it is
         another one that is being answered, and would write to what is closed.
         """
-        for asked in self.unanswered:
-            asked.cycle.disconnected = True
+        for request in self.unanswered:
+            request.cycle.disconnected = True
         self._forget(sum(asked.body_bytes for asked in self.unanswered))
         super().connection_lost(exc)
 
@@ -224,7 +224,7 @@ class PatientProtocol(HttpToolsProtocol):
         super().on_headers_complete()
         self.has_headers = True
         self.unreported_bytes = 0
-        self.unanswered.append(_Asked(self.cycle))
+        self.unanswered.append(_UnansweredRequest(self.cycle))
 
     def on_body(self, body: bytes) -> None:
         """Take a part of a body; it may be a byte, as it is sent, and so costs next to nothing."""
@@ -366,12 +366,12 @@ class PatientProtocol(HttpToolsProtocol):
         """
         if not self.flow.write_paused:
             return
-        left = self.transport.get_write_buffer_size()
+        unsent = self.transport.get_write_buffer_size()
         if self.unread is None:
-            self.unread = (now, left)
+            self.unread = (now, unsent)
         else:
             since, before = self.unread
-            if before - left < SLOWEST_BYTES_PER_S * (now - since - 2.0 * patience_s):
+            if before - unsent < SLOWEST_BYTES_PER_S * (now - since - 2.0 * patience_s):
                 self.transport.abort()  # closing would wait until it is read
 
     def end_with_service(self) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.delimited_text import UnreadableFile
 from app.api.files.file_kind import FileKind, OtherKind, refuse_other_kind
 from app.cli.answers import shell_words
@@ -60,16 +60,16 @@ class ImportMode:
         return self.store and self.as_maps
 
 
-def expect_one_label(stated: Stated, files: Sequence[Path]) -> None:
+def expect_one_label(header: Header, files: Sequence[Path]) -> None:
     """Refuse one label for several maps; `files` are those that it would name."""
-    if stated.label and len(files) > 1:
+    if header.label and len(files) > 1:
         raise typer.BadParameter("names one map, got several files", param_hint="--label")
 
 
 def choose_machine(
     file: Path,
     named: str | None,
-    stated: str | None,
+    chosen_name: str | None,
     described: Sequence[str] = (),
     *,
     stated_as: str = "--machine",
@@ -88,11 +88,11 @@ def choose_machine(
     typer.BadParameter
         If nobody says it, or the file says otherwise than the option.
     """
-    if named and stated and named != stated:
+    if named and chosen_name and named != chosen_name:
         raise typer.BadParameter(
-            f"{file} says that it belongs to {named!r}, got {stated!r}", param_hint=stated_as
+            f"{file} says that it belongs to {named!r}, got {chosen_name!r}", param_hint=stated_as
         )
-    chosen = named or stated or (described[0] if len(described) == 1 else None)
+    chosen = named or chosen_name or (described[0] if len(described) == 1 else None)
     if not chosen:
         raise typer.BadParameter(
             f"{file} does not say which machine it belongs to", param_hint=stated_as
@@ -100,13 +100,13 @@ def choose_machine(
     return chosen
 
 
-def expect_sensors(file: Path, machine: str, known: Sequence[str], names: Iterable[str]) -> None:
+def expect_sensors(file: Path, machine: str, sensors: Sequence[str], names: Iterable[str]) -> None:
     """Raise NotImported if a file has temperatures of sensors that its machine lacks."""
     for name in names:
-        if name not in known:
+        if name not in sensors:
             raise NotImported(
                 f"nothing was sent: {file}: machine {machine!r} has no sensor {name!r}; "
-                f"it has {list_names(known)}"
+                f"it has {list_names(sensors)}"
             )
 
 
@@ -196,8 +196,8 @@ def settings_of_stored(machine: MachineAnswer) -> MachineSettings:
     """Leave away what only a stored machine has."""
     from app.api.schemas.machines import MachineSettings
 
-    stated = machine.model_dump(include={*MachineSettings.model_fields})
-    return MachineSettings.model_validate(stated)
+    settings = machine.model_dump(include={*MachineSettings.model_fields})
+    return MachineSettings.model_validate(settings)
 
 
 def note_unassigned_components(

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 import typer
 
 from app.api.files.contract_json import read_contract_json
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.delimited_text import UnreadableFile
 from app.api.files.file_kind import FileKind
@@ -158,7 +158,7 @@ def import_files(
     Example: `thermap import --method step-diagonal laser.csv --machine mcfv5050`
     """
     temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    stated = Stated(label, measured_at, temperatures_c)
+    header = Header(label, measured_at, temperatures_c)
     if preview and (evaluate_only or accept_losses):
         raise typer.BadParameter(
             "a preview stores nothing: leave out --evaluate-only and --accept-losses",
@@ -188,75 +188,77 @@ def import_files(
         )
     method = method or _method_of(files, written)
     if method is not None:
-        import_measurements(files, method, machine, stated, mode, json=json, url=url, axis=axis)
+        import_measurements(files, method, machine, header, mode, json=json, url=url, axis=axis)
         return
-    for option, given in {"--evaluate-only": evaluate_only, "--json": json}.items():
-        if given:
+    for option, is_given in {"--evaluate-only": evaluate_only, "--json": json}.items():
+        if is_given:
             raise typer.BadParameter("goes with --method", param_hint=option)
-    imported = _read_all(files, stated, machine)
+    imported = _read_all(files, header, machine)
     with connect(url) as thermap:
         machines = _check_with_service(thermap, imported)
         for settings in machines.values():
             note_unassigned_components(thermap, settings, _components_of(settings.id, imported))
-        said: set[tuple[str, str]] = set()
-        for i, one in enumerate(imported):
-            with naming(one.file, [later.file for later in imported[i + 1 :]]):
-                _send(thermap, one, mode, said)
+        noted: set[tuple[str, str]] = set()
+        for i, imported_file in enumerate(imported):
+            with naming(imported_file.file, [later.file for later in imported[i + 1 :]]):
+                _send(thermap, imported_file, mode, noted)
 
 
 def _method_of(files: Sequence[Path], written: Sequence[InstrumentFormat | None]) -> str | None:
     """Take the method of files that instruments wrote; others go another way."""
-    found = {one.method if one else None for one in written}
-    if len(found) > 1:
-        theirs = [str(file) for file, one in zip(files, written, strict=True) if one]
+    methods = {form.method if form else None for form in written}
+    if len(methods) > 1:
+        theirs = [str(file) for file, form in zip(files, written, strict=True) if form]
         raise typer.BadParameter(
             f"expected files of one kind, got {list_names(theirs)} as an instrument wrote them "
             "beside others: import them one after the other",
             param_hint="FILE",
         )
-    return next(iter(found), None)
+    return next(iter(methods), None)
 
 
-def _read_all(files: Sequence[Path], stated: Stated, machine: str | None) -> list[ImportedFile]:
+def _read_all(files: Sequence[Path], header: Header, machine: str | None) -> list[ImportedFile]:
     """Read every file, machines first, and complain of all that is wrong in any."""
     tables = [file for file in files if file.suffix.lower() != ".json"]
-    expect_one_label(stated, tables)
+    expect_one_label(header, tables)
     imported: list[ImportedFile] = []
     problems: list[str] = []
     for file in files:
         try:
-            imported.append(_read_csv(file, stated) if file in tables else _read_json(file))
+            imported.append(_read_csv(file, header) if file in tables else _read_json(file))
         except UnreadableFile as error:
             problems.append(error.detail)
     if problems:
         raise UnreadableFile("\n".join(["nothing was sent:", *problems]))
-    described = [settings.id for one in imported for settings in one.machines]
-    for one in imported:
-        if one.needs_machine:
-            one.machine = choose_machine(one.file, one.machine, machine, described)
-    return sorted(imported, key=lambda one: not one.machines)
+    described = [settings.id for imported_file in imported for settings in imported_file.machines]
+    for imported_file in imported:
+        if imported_file.needs_machine:
+            imported_file.machine = choose_machine(
+                imported_file.file, imported_file.machine, machine, described
+            )
+    return sorted(imported, key=lambda item: not item.machines)
 
 
-def _read_csv(file: Path, stated: Stated) -> ImportedFile:
+def _read_csv(file: Path, header: Header) -> ImportedFile:
     with refusing_other_kind(FileKind.MAP, file):
-        found = read_csv_error_map(file, stated)
+        content = read_csv_error_map(file, header)
     return ImportedFile(
-        file, error_maps=[found.error_map], machine=found.machine or "", remarks=found.remarks
+        file, error_maps=[content.error_map], machine=content.machine or "", remarks=content.remarks
     )
 
 
 def _read_json(file: Path) -> ImportedFile:
-    one = ImportedFile(file)
+    imported_file = ImportedFile(file)
     with refusing_other_kind(FileKind.MAP, file):
         contents = read_contract_json(file)
     for content in contents:
         if isinstance(content, MachineSettings):
-            one.machines.append(content)
+            imported_file.machines.append(content)
         elif isinstance(content, ErrorMapSchema):
-            one.error_maps.append(content)
+            imported_file.error_maps.append(content)
         else:
-            one.readings.append(content)
-    return one
+            imported_file.readings.append(content)
+    return imported_file
 
 
 def _check_with_service(
@@ -269,70 +271,84 @@ def _check_with_service(
         id_: described.get(id_) or settings_of_stored(thermap.machine(id_))
         for id_ in sorted(wanted)
     }
-    for one in imported:
-        if one.needs_machine:
-            known = [sensor.name for sensor in machines[one.machine].sensors]
-            expect_sensors(one.file, one.machine, known, _sensors_in(one))
+    for imported_file in imported:
+        if imported_file.needs_machine:
+            sensor_names = [sensor.name for sensor in machines[imported_file.machine].sensors]
+            expect_sensors(
+                imported_file.file, imported_file.machine, sensor_names, _sensors_in(imported_file)
+            )
     return machines
 
 
 def _components_of(machine: str, imported: Sequence[ImportedFile]) -> Iterator[str]:
-    for one in imported:
-        for error_map in one.error_maps if one.machine == machine else ():
-            yield from (stated.component for stated in error_map.components)
+    for imported_file in imported:
+        for error_map in imported_file.error_maps if imported_file.machine == machine else ():
+            yield from (component.component for component in error_map.components)
 
 
-def _sensors_in(one: ImportedFile) -> Iterator[str]:
-    for error_map in one.error_maps:
+def _sensors_in(imported_file: ImportedFile) -> Iterator[str]:
+    for error_map in imported_file.error_maps:
         yield from error_map.temperatures_c
-    for reading in one.readings:
+    for reading in imported_file.readings:
         yield from reading.temperatures_c
 
 
 def _send(
-    thermap: ThermapClient, one: ImportedFile, mode: ImportMode, said: set[tuple[str, str]]
+    thermap: ThermapClient,
+    imported_file: ImportedFile,
+    mode: ImportMode,
+    noted: set[tuple[str, str]],
 ) -> None:
-    """Send a file's content; what was `said` of a machine's earlier map is not said again."""
-    for remark in one.remarks:
-        echo(f"{one.file}: note: {remark}", err=True)
+    """Send a file's content; what was `noted` of a machine's earlier map is not said again."""
+    for remark in imported_file.remarks:
+        echo(f"{imported_file.file}: note: {remark}", err=True)
     if mode.preview:
-        for error_map in one.error_maps:
-            show_what_was_read(one.file, read_of_map(error_map.to_error_map()))
-            preview = thermap.preview_error_map(one.machine, error_map)
-            show_preview(one.file, preview, alone=True)
-            _note_once(one.machine, preview.warnings, said)
+        for error_map in imported_file.error_maps:
+            show_what_was_read(imported_file.file, read_of_map(error_map.to_error_map()))
+            preview = thermap.preview_error_map(imported_file.machine, error_map)
+            show_preview(imported_file.file, preview, alone=True)
+            _note_once(imported_file.machine, preview.warnings, noted)
         return
-    for settings in one.machines:
-        echo(f"{one.file}: {_send_machine(thermap, settings)}")
-    known = {m.label for m in thermap.error_maps(one.machine)} if one.error_maps else set()
-    for error_map in one.error_maps:
-        show_preview(one.file, thermap.preview_error_map(one.machine, error_map))
-        stored = thermap.store_error_map(one.machine, error_map, accept_losses=mode.accept_losses)
-        _note_once(one.machine, stored.warnings, said)
+    for settings in imported_file.machines:
+        echo(f"{imported_file.file}: {_send_machine(thermap, settings)}")
+    labels = (
+        {m.label for m in thermap.error_maps(imported_file.machine)}
+        if imported_file.error_maps
+        else set()
+    )
+    for error_map in imported_file.error_maps:
+        show_preview(
+            imported_file.file, thermap.preview_error_map(imported_file.machine, error_map)
+        )
+        stored = thermap.store_error_map(
+            imported_file.machine, error_map, accept_losses=mode.accept_losses
+        )
+        _note_once(imported_file.machine, stored.warnings, noted)
         report_stored_map(
             thermap,
-            one.file,
-            one.machine,
+            imported_file.file,
+            imported_file.machine,
             stored.label,
             stored.id,
             stored,
-            was_there=stored.label in known,
+            was_there=stored.label in labels,
         )
-        known.add(stored.label)
-    if one.readings:
-        done = thermap.store_readings(one.machine, one.readings)
+        labels.add(stored.label)
+    if imported_file.readings:
+        done = thermap.store_readings(imported_file.machine, imported_file.readings)
         echo(
-            f"{one.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} there already"
+            f"{imported_file.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} "
+            "there already"
         )
         for warning in done.warnings:
-            echo(f"{one.file}: {warning}", err=True)
+            echo(f"{imported_file.file}: {warning}", err=True)
 
 
-def _note_once(machine: str, warnings: Iterable[str], said: set[tuple[str, str]]) -> None:
+def _note_once(machine: str, warnings: Iterable[str], noted: set[tuple[str, str]]) -> None:
     for warning in warnings:
-        if (machine, warning) not in said:
+        if (machine, warning) not in noted:
             echo(f"note: {warning}", err=True)
-        said.add((machine, warning))
+        noted.add((machine, warning))
 
 
 def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:

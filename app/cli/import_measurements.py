@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from app.api.field_errors import field_error
 from app.api.files.contract_json import read_json
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, read_text
 from app.api.files.instrument_files import InstrumentFormat, instrument_format
@@ -90,7 +90,7 @@ def import_measurements(
     files: Sequence[Path],
     method: str,
     machine: str | None,
-    stated: Stated,
+    header: Header,
     mode: ImportMode,
     *,
     json: bool,
@@ -109,7 +109,7 @@ def import_measurements(
         instrument writes them.
     machine
         The machine that was measured, where the files do not name it.
-    stated
+    header
         What takes precedence over the files' own label, time and temperatures.
     mode
         Whether maps are made; if not, label, time and temperatures are not needed.
@@ -122,51 +122,51 @@ def import_measurements(
         raise typer.BadParameter(
             f"expected one of {list_names(_METHODS)}, got {method!r}", param_hint="--method"
         )
-    expect_one_label(stated, files)
-    measured = _read_all(files, method, machine, stated, mode.makes_map, axis)
+    expect_one_label(header, files)
+    measured = _read_all(files, method, machine, header, mode.makes_map, axis)
     with connect(url) as thermap:
         _check_with_service(thermap, method, measured, mode)
-        for i, one in enumerate(measured):
-            for remark in one.remarks:
-                echo(f"{one.file}: note: {remark}", err=True)
-            with naming(one.file, [later.file for later in measured[i + 1 :]]):
-                _send(thermap, method, one, mode, json)
+        for i, measured_file in enumerate(measured):
+            for remark in measured_file.remarks:
+                echo(f"{measured_file.file}: note: {remark}", err=True)
+            with naming(measured_file.file, [later.file for later in measured[i + 1 :]]):
+                _send(thermap, method, measured_file, mode, json)
 
 
 def _read_all(
     files: Sequence[Path],
     method: str,
     machine: str | None,
-    stated: Stated,
+    header: Header,
     store: bool,
     axis: str | None,
 ) -> list[MeasuredFile]:
     """Read every file, and complain of all that is wrong in any."""
-    found: list[tuple[Path, CsvMeasurement]] = []
+    measurements: list[tuple[Path, CsvMeasurement]] = []
     complaints: list[str] = []
     for file in files:
         try:
             written = instrument_format(file)
             if written is not None:
-                measurement = _read_instrument(file, written, method, stated, store, axis)
+                measurement = _read_instrument(file, written, method, header, store, axis)
             else:
                 read = _read_json if file.suffix.lower() == ".json" else _read_csv
-                measurement = read(file, method, stated, store)
+                measurement = read(file, method, header, store)
             _check_body(file, method, measurement.body)
-            found.append((file, measurement))
+            measurements.append((file, measurement))
         except UnreadableFile as error:
             complaints.append(error.detail)
     if complaints:
         raise UnreadableFile("\n".join(["nothing was sent:", *complaints]))
     return [
         MeasuredFile(file, m.body, choose_machine(file, m.machine, machine), m.remarks)
-        for file, m in found
+        for file, m in measurements
     ]
 
 
-def _read_csv(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasurement:
+def _read_csv(file: Path, method: str, stated: Header, store: bool) -> CsvMeasurement:
     return read_csv_measurement(
-        method, read_text(file), name=str(file), stated=stated, complete=store
+        method, read_text(file), name=str(file), header=stated, complete=store
     )
 
 
@@ -174,25 +174,25 @@ def _read_instrument(
     file: Path,
     written: InstrumentFormat,
     method: str,
-    stated: Stated,
+    header: Header,
     store: bool,
     axis: str | None,
 ) -> CsvMeasurement:
     """Read a file as an instrument wrote it; what it cannot know is stated beside it."""
     if written.method != method:
         raise UnreadableFile(f"{file}: expected --method {written.method}, got {method}")
-    found = written.read(read_text(file), file, axis)
-    return completed(found, method, file, stated, complete=store)
+    content = written.read(read_text(file), file, axis)
+    return completed(content, method, file, header, complete=store)
 
 
-def _read_json(file: Path, method: str, stated: Stated, store: bool) -> CsvMeasurement:
+def _read_json(file: Path, method: str, header: Header, store: bool) -> CsvMeasurement:
     """Read a request's body; what the command line states takes precedence over it."""
     problems = Problems(file)
     body = read_json(file, problems)
     if not isinstance(body, dict):
         problems.add(f"expected the fields of a {method} measurement, got {type(body).__name__}")
         problems.raise_if_any()
-    return completed(CsvMeasurement(body, None, ()), method, file, stated, complete=store)
+    return completed(CsvMeasurement(body, None, ()), method, file, header, complete=store)
 
 
 def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:
@@ -201,8 +201,8 @@ def _check_body(file: Path, method: str, body: Mapping[str, Any]) -> None:
     try:
         _METHODS[method].request.model_validate(body)
     except ValidationError as error:
-        for found in map(field_error, error.errors()):
-            problems.add(f"{found.field}: {found.message}")
+        for field_problem in map(field_error, error.errors()):
+            problems.add(f"{field_problem.field}: {field_problem.message}")
     problems.raise_if_any()
 
 
@@ -211,16 +211,20 @@ def _check_with_service(
 ) -> None:
     """Refuse what the machines cannot take and what the method refuses, before storing any."""
     machines = {id_: thermap.machine(id_) for id_ in sorted({one.machine for one in measured})}
-    for one in measured if mode.makes_map else ():
-        known = [sensor.name for sensor in machines[one.machine].sensors]
-        expect_sensors(one.file, one.machine, known, _sensors_in(one.body))
+    for measured_file in measured if mode.makes_map else ():
+        sensor_names = [sensor.name for sensor in machines[measured_file.machine].sensors]
+        expect_sensors(
+            measured_file.file, measured_file.machine, sensor_names, _sensors_in(measured_file.body)
+        )
     if not mode.store:
         return
     components: dict[str, list[str]] = {id_: [] for id_ in machines}
-    for one in measured:
-        with naming(one.file, before="nothing was stored: " if len(measured) > 1 else ""):
-            answer = thermap.send(_call(method, one, calls.Storing()))
-        components[one.machine] += [found.component for found in answer.components]
+    for measured_file in measured:
+        with naming(measured_file.file, before="nothing was stored: " if len(measured) > 1 else ""):
+            answer = thermap.send(_call(method, measured_file, calls.Storing()))
+        components[measured_file.machine] += [
+            component.component for component in answer.components
+        ]
     for id_, codes in components.items() if mode.stores_map else ():
         note_unassigned_components(thermap, settings_of_stored(machines[id_]), codes)
 
@@ -232,21 +236,27 @@ def _sensors_in(body: Mapping[str, Any]) -> Iterable[str]:
         yield from reading.get("temperatures_c") or ()
 
 
-def _call(method: str, one: MeasuredFile, storing: calls.Storing) -> Call[MeasurementAnswer]:
-    return calls.measure(one.machine, method, _METHODS[method].answer, one.body, storing)
+def _call(
+    method: str, measured_file: MeasuredFile, storing: calls.Storing
+) -> Call[MeasurementAnswer]:
+    return calls.measure(
+        measured_file.machine, method, _METHODS[method].answer, measured_file.body, storing
+    )
 
 
-def _maps_of(one: MeasuredFile, answer: MeasurementAnswer) -> Iterator[tuple[str, int | None]]:
+def _maps_of(
+    measured_file: MeasuredFile, answer: MeasurementAnswer
+) -> Iterator[tuple[str, int | None]]:
     """Give label and number of each map that was stored."""
     if isinstance(answer, ThermalDriftAnswer):
         for state in answer.states:
             yield str(state.label), state.map_id
     else:
-        yield str(one.body["label"]).strip(), answer.map_id
+        yield str(measured_file.body["label"]).strip(), answer.map_id
 
 
 def _send(
-    thermap: ThermapClient, method: str, one: MeasuredFile, mode: ImportMode, json: bool
+    thermap: ThermapClient, method: str, measured_file: MeasuredFile, mode: ImportMode, json: bool
 ) -> None:
     storing = calls.Storing(
         mode.stores_map,
@@ -254,37 +264,43 @@ def _send(
         mode.preview,
         mode.store and mode.as_verification,
     )
-    call = _call(method, one, storing)
+    call = _call(method, measured_file, storing)
     if json:
         write_document(thermap.content(call).decode() + "\n")
         return
-    known: set[str] = set()
+    labels: set[str] = set()
     if mode.stores_map:
-        known = {m.label for m in thermap.error_maps(one.machine)}
-        before = thermap.send(_call(method, one, calls.Storing(preview=True)))
+        labels = {m.label for m in thermap.error_maps(measured_file.machine)}
+        before = thermap.send(_call(method, measured_file, calls.Storing(preview=True)))
         if before.preview is not None:
-            show_preview(one.file, before.preview)
+            show_preview(measured_file.file, before.preview)
     answer = thermap.send(call)
     if answer.preview is not None:
-        show_preview(one.file, answer.preview, alone=True)
+        show_preview(measured_file.file, answer.preview, alone=True)
     elif answer.stored:
-        for label, number in _maps_of(one, answer):
+        for label, number in _maps_of(measured_file, answer):
             report_stored_map(
-                thermap, one.file, one.machine, label, number, answer, was_there=label in known
+                thermap,
+                measured_file.file,
+                measured_file.machine,
+                label,
+                number,
+                answer,
+                was_there=label in labels,
             )
     elif not mode.store or not mode.as_verification:
-        echo(f"{one.file}: {answer.method} evaluated, nothing stored")
+        echo(f"{measured_file.file}: {answer.method} evaluated, nothing stored")
     if isinstance(answer, ThermalDriftAnswer) and answer.verification is not None:
-        echo(f"{one.file}: {_kept_words(one, answer.verification)}")
+        echo(f"{measured_file.file}: {_kept_words(measured_file, answer.verification)}")
     console().print(measurement_view(answer))
 
 
-def _kept_words(one: MeasuredFile, kept: DriftVerificationAnswer) -> str:
+def _kept_words(measured_file: MeasuredFile, stored: DriftVerificationAnswer) -> str:
     """Say under which number a test's course is a verification, and what of it is new."""
-    how = "stored as" if kept.is_new else "was there already,"
-    readings = counted(kept.stored_readings, "new reading")
+    how = "stored as" if stored.is_new else "was there already,"
+    readings = counted(stored.stored_readings, "new reading")
     return (
-        f"verification {str(one.body['label']).strip()!r} {how} number {kept.id}: "
-        f"{counted(kept.observations, 'observation')} of {list_names(kept.components)}, and "
-        f"{readings} of the temperatures; `thermap analyse {one.machine}` searches it"
+        f"verification {str(measured_file.body['label']).strip()!r} {how} number {stored.id}: "
+        f"{counted(stored.observations, 'observation')} of {list_names(stored.components)}, and "
+        f"{readings} of the temperatures; `thermap analyse {measured_file.machine}` searches it"
     )

@@ -73,11 +73,11 @@ def create(
     database = Database(database_url)
     try:
         upgrade(database)
-        made = create_key(database, name, role, machine or None)
+        created = create_key(database, name, role, machine or None)
     finally:
         database.close()
-    key = made.key
-    echo(made.secret)
+    key = created.key
+    echo(created.secret)
     echo(
         f"key {key.name}, {key.role}, for {_machines(key)}. It is shown this once. Clients "
         "state it as `Authorization: Bearer KEY`, or read it from THERMAP_KEY",
@@ -90,7 +90,7 @@ def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None
     """List keys: what each may do, and when it was used last."""
     database = Database(database_url, may_be_new=False)
     try:
-        found = show_keys(database)
+        stored_keys = show_keys(database)
         unreadable = show_unreadable_keys(database)
     finally:
         database.close()
@@ -101,10 +101,10 @@ def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None
             err=True,
         )
     if json:
-        write_document(json_text.dumps([asdict(key) for key in found], default=str) + "\n")
+        write_document(json_text.dumps([asdict(key) for key in stored_keys], default=str) + "\n")
         return
     table = listing("key", "role", "machines", "made", "last used")
-    for key in found:
+    for key in stored_keys:
         used = "never" if key.last_used_at is None else when(key.last_used_at)
         table.add_row(key.name, str(key.role), _machines(key), when(key.created_at), used)
     show_view(table)

@@ -154,10 +154,10 @@ class EndingServer(PatientServer):
         super().handle_exit(sig, frame)
 
 
-def checked_settings(**stated: Any) -> Settings:
+def checked_settings(**options: Any) -> Settings:
     """Make the settings; a value out of range is wrong usage."""
     try:
-        return Settings(**stated)
+        return Settings(**options)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")

@@ -63,4 +63,4 @@ class _Json(logging.Formatter):
 
 
 def _lines(text: str) -> str:
-    return "\n".join(shown(one, LONGEST_MESSAGE) for one in text[:LONGEST_TRACEBACK].split("\n"))
+    return "\n".join(shown(line, LONGEST_MESSAGE) for line in text[:LONGEST_TRACEBACK].split("\n"))

@@ -149,35 +149,44 @@ def delete_machine(
     echo(f"machine {machine!r} deleted")
 
 
-def machines_view(found: Sequence[MachineAnswer]) -> RenderableType:
+def machines_view(answers: Sequence[MachineAnswer]) -> RenderableType:
     """Lay out all machines."""
     table = listing("machine", "name", "configuration", "sensors", "model", "watch", right="lllrrl")
-    for one in found:
-        model = "–" if one.active_model is None else str(one.active_model)
-        sensors = str(len(one.sensors))
-        table.add_row(one.id, one.name, one.configuration, sensors, model, one.watch or "–")
+    for machine in answers:
+        model = "–" if machine.active_model is None else str(machine.active_model)
+        sensors = str(len(machine.sensors))
+        table.add_row(
+            machine.id, machine.name, machine.configuration, sensors, model, machine.watch or "–"
+        )
     return or_nothing(table, "no machine is stored yet; `thermap import machine.json` stores one")
 
 
-def machine_view(one: MachineAnswer) -> RenderableType:
+def machine_view(machine: MachineAnswer) -> RenderableType:
     """Lay out one machine."""
     margin = (
-        f" up to {one.extrapolation_margin_c:g} °C beyond, as long as the standard error stays "
-        f"below {one.extrapolation_error_ratio:g} times the maps' own (extrapolation_error_ratio)"
+        f" up to {machine.extrapolation_margin_c:g} °C beyond, as long as the standard error stays "
+        f"below {machine.extrapolation_error_ratio:g} times the maps' own "
+        "(extrapolation_error_ratio)"
     )
     head = facts(
-        ("machine", one.id),
-        ("name", one.name),
-        ("serial number", one.serial_number or "–"),
-        ("configuration", one.configuration),
-        ("axes", ", ".join(f"{a} {t.min_mm:g} to {t.max_mm:g} mm" for a, t in one.axes.items())),
-        ("outside maps", one.out_of_range + (margin if one.out_of_range == "extrapolate" else "")),
-        ("same temperature", one.same_temperature),
-        ("active model", "none yet" if one.active_model is None else str(one.active_model)),
-        ("watch", one.watch or "not judged yet"),
-        ("created", f"{when(one.created_at)} UTC"),
+        ("machine", machine.id),
+        ("name", machine.name),
+        ("serial number", machine.serial_number or "–"),
+        ("configuration", machine.configuration),
+        (
+            "axes",
+            ", ".join(f"{a} {t.min_mm:g} to {t.max_mm:g} mm" for a, t in machine.axes.items()),
+        ),
+        (
+            "outside maps",
+            machine.out_of_range + (margin if machine.out_of_range == "extrapolate" else ""),
+        ),
+        ("same temperature", machine.same_temperature),
+        ("active model", "none yet" if machine.active_model is None else str(machine.active_model)),
+        ("watch", machine.watch or "not judged yet"),
+        ("created", f"{when(machine.created_at)} UTC"),
     )
-    return Group(head, Text(), or_nothing(_sensors(one.sensors), "no sensors"))
+    return Group(head, Text(), or_nothing(_sensors(machine.sensors), "no sensors"))
 
 
 def needed_view(found: NeededAnswer) -> RenderableType:
@@ -186,9 +195,13 @@ def needed_view(found: NeededAnswer) -> RenderableType:
     if found.preset is not None:
         kind = f"{found.preset.name}: {found.preset.reason} ({found.preset.equations})"
     table = listing("component", "chapter", "group", "unit", "in the model")
-    for one in found.components:
+    for component in found.components:
         table.add_row(
-            one.component, one.chapter, one.kind, one.unit, "yes" if one.in_model else "missing"
+            component.component,
+            component.chapter,
+            component.kind,
+            component.unit,
+            "yes" if component.in_model else "missing",
         )
     needed = counted(len(found.components), "component")
     counts = f"{needed} to be measured, {len(found.missing)} missing"
@@ -203,15 +216,17 @@ def _sensors(sensors: Iterable[SensorSchema]) -> Any:
         *("resolution_\nc\n[°C]", "stuck_\nafter_s\n[s]", "max_rate_\nc_per_min\n[°C/min]"),
         right="llrrrrrr",
     )
-    for one in sensors:
-        numbers = (one.min_c, one.max_c, one.max_age_s, one.resolution_c)
-        stuck = "–" if one.stuck_after_s is None else f"{one.stuck_after_s:g}"
+    for sensor in sensors:
+        numbers = (sensor.min_c, sensor.max_c, sensor.max_age_s, sensor.resolution_c)
+        stuck = "–" if sensor.stuck_after_s is None else f"{sensor.stuck_after_s:g}"
         cells = [f"{number:g}" for number in numbers]
-        table.add_row(one.name, one.stand_in or "–", *cells, stuck, f"{one.max_rate_c_per_min:g}")
+        table.add_row(
+            sensor.name, sensor.stand_in or "–", *cells, stuck, f"{sensor.max_rate_c_per_min:g}"
+        )
     return table
 
 
-def patch_of(machine: MachineAnswer, stated: Iterable[str]) -> dict[str, Any]:
+def patch_of(machine: MachineAnswer, settings: Iterable[str]) -> dict[str, Any]:
     """Write the changes of `KEY=VALUE` for a machine as it is now.
 
     Raises
@@ -220,7 +235,7 @@ def patch_of(machine: MachineAnswer, stated: Iterable[str]) -> dict[str, Any]:
         If there is no such setting, axis or sensor.
     """
     patch: dict[str, Any] = {}
-    for text in stated:
+    for text in settings:
         key, equals, written = (part.strip() for part in text.partition("="))
         first, *further = key.split(".")
         if not equals or first not in {key.partition(".")[0] for key in SETTINGS}:
@@ -249,14 +264,14 @@ def _sensor_in(sensors: Iterable[dict[str, Any]], name: str, text: str) -> dict[
     for sensor in sensors:
         if sensor["name"] == name:
             return sensor
-    known = list_names(sensor["name"] for sensor in sensors)
+    names = list_names(sensor["name"] for sensor in sensors)
     raise typer.BadParameter(
-        f"expected one of the sensors {known}, got {text!r}", param_hint="KEY=VALUE"
+        f"expected one of the sensors {names}, got {text!r}", param_hint="KEY=VALUE"
     )
 
 
-def _unknown(text: str, known: str = "") -> typer.BadParameter:
-    expected = known or list_names(SETTINGS)
+def _unknown(text: str, allowed: str = "") -> typer.BadParameter:
+    expected = allowed or list_names(SETTINGS)
     return typer.BadParameter(
         f"expected KEY=VALUE with one of {expected}, got {text!r}", param_hint="KEY=VALUE"
     )

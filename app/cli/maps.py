@@ -101,26 +101,28 @@ def delete_map(
 def maps_view(found: Sequence[ErrorMapAnswer]) -> RenderableType:
     """Lay out all maps."""
     table = listing("no.", "label", "measured [UTC]", "in use", "components", right="rllll")
-    for one in found:
-        components = list_names([c.component for c in one.components])
-        in_use = "yes" if one.in_active_model else "no"
-        table.add_row(str(one.id), one.label, when(one.measured_at), in_use, components)
+    for error_map in found:
+        components = list_names([c.component for c in error_map.components])
+        in_use = "yes" if error_map.in_active_model else "no"
+        table.add_row(
+            str(error_map.id), error_map.label, when(error_map.measured_at), in_use, components
+        )
     return or_nothing(table, "no error map is stored yet; `thermap import run1.csv` stores one")
 
 
-def map_view(one: ErrorMapAnswer) -> RenderableType:
+def map_view(error_map: ErrorMapAnswer) -> RenderableType:
     """Lay out one map."""
     from app.cli.measurement_view import components_table  # it needs numpy; completion does not
 
-    known = [
-        ("error map", f"{one.label}, number {one.id}"),
-        ("measured", f"{when(one.measured_at)} UTC"),
-        ("stored", f"{when(one.stored_at)} UTC"),
-        ("in use", "yes" if one.in_active_model else "no, the active model is without it"),
-        ("temperatures [°C]", temperatures(one.temperatures_c)),
+    rows = [
+        ("error map", f"{error_map.label}, number {error_map.id}"),
+        ("measured", f"{when(error_map.measured_at)} UTC"),
+        ("stored", f"{when(error_map.stored_at)} UTC"),
+        ("in use", "yes" if error_map.in_active_model else "no, the active model is without it"),
+        ("temperatures [°C]", temperatures(error_map.temperatures_c)),
     ]
-    if one.instrument:
-        known.append(("instrument", one.instrument))
-    if one.repeatability_um is not None:
-        known.append(("repeatability", f"{one.repeatability_um:g} µm"))
-    return Group(facts(*known), Text(), components_table(one.components))
+    if error_map.instrument:
+        rows.append(("instrument", error_map.instrument))
+    if error_map.repeatability_um is not None:
+        rows.append(("repeatability", f"{error_map.repeatability_um:g} µm"))
+    return Group(facts(*rows), Text(), components_table(error_map.components))

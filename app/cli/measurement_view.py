@@ -75,8 +75,8 @@ def _rows(entry: ComponentAnswer) -> Iterator[Sequence[str]]:
 def _largest(standard_errors: Sequence[float] | float | None) -> str:
     if standard_errors is None:
         return "–"
-    stated = standard_errors if isinstance(standard_errors, Sequence) else [standard_errors]
-    return f"{max(stated):.2f}"
+    errors = standard_errors if isinstance(standard_errors, Sequence) else [standard_errors]
+    return f"{max(errors):.2f}"
 
 
 def _range_of(axis: str | None, positions_mm: Sequence[float]) -> str:

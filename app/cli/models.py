@@ -150,33 +150,35 @@ def compare_models(
 def models_view(found: Sequence[ModelAnswer]) -> RenderableType:
     """Lay out all versions."""
     table = listing("version", "", "made [UTC]", "maps", "effects", "reason", right="rllrrl")
-    for one in found:
-        numbers = (str(len(one.maps)), str(len(one.effects)))
-        table.add_row(str(one.version), _state(one), when(one.created_at), *numbers, one.reason)
+    for model in found:
+        numbers = (str(len(model.maps)), str(len(model.effects)))
+        table.add_row(
+            str(model.version), _state(model), when(model.created_at), *numbers, model.reason
+        )
     return or_nothing(table, "no model version yet: the first error map makes one")
 
 
-def _state(one: ModelAnswer) -> str:
-    return "active" if one.active else "waiting" if one.waiting else ""
+def _state(model: ModelAnswer) -> str:
+    return "active" if model.active else "waiting" if model.waiting else ""
 
 
-def model_view(one: ModelAnswer) -> RenderableType:
+def model_view(model: ModelAnswer) -> RenderableType:
     """Lay out one version."""
     head = facts(
         (
             "version",
-            f"{one.version}{', active' if one.active else ', waiting' if one.waiting else ''}",
+            ", ".join(filter(None, (str(model.version), _state(model)))),
         ),
-        ("made", f"{when(one.created_at)} UTC"),
-        ("reason", one.reason),
+        ("made", f"{when(model.created_at)} UTC"),
+        ("reason", model.reason),
     )
     maps = listing("map no.", "label", "temperatures [°C]", right="rll")
-    for error_map in one.maps:
+    for error_map in model.maps:
         maps.add_row(str(error_map.id), error_map.label, temperatures(error_map.temperatures_c))
-    follows = followed_sensors(one.assignment)
+    follows = followed_sensors(model.assignment)
     effects = [
         Text(f"adopted effect: {sentence(effect.explanation)}{_origin(effect)}")
-        for effect in one.effects
+        for effect in model.effects
     ]
     return Group(head, Text(), maps, Text(), follows, *([Text(), *effects] if effects else []))
 
@@ -189,35 +191,41 @@ def _origin(effect: AdoptedEffectAnswer) -> str:
     return f" (found by analysis {effect.found_by}{f', refitted by {anew}' if anew else ''})"
 
 
-def comparison_view(found: ModelComparisonAnswer) -> RenderableType:
+def comparison_view(comparison: ModelComparisonAnswer) -> RenderableType:
     """Lay out what each version leaves, RMS of each component side by side."""
-    headings = [f"version {one.version}" + (" *" if one.active else "") for one in found.versions]
+    headings = [
+        f"version {version.version}" + (" *" if version.active else "")
+        for version in comparison.versions
+    ]
     right = "l" + "r" * len(headings) + "lr"
     table = listing("RMS of residuals", *headings, "unit", "values", right=right)
-    for name, sizes in _sizes(found):
+    for name, sizes in _sizes(comparison):
         first = sizes[0]
         cells = [f"{size.rms:.2f}" for size in sizes]
         table.add_row(name, *cells, first.unit, str(first.count))
-    reasons = [Text(f"version {one.version}: {one.reason}", style="dim") for one in found.versions]
-    denied = [
-        Text(f"! version {one.version}: {one.contradiction}", style="yellow")
-        for one in found.versions
-        if one.contradiction
+    reasons = [
+        Text(f"version {version.version}: {version.reason}", style="dim")
+        for version in comparison.versions
     ]
-    of = list_names(map(str, found.verifications))
+    denied = [
+        Text(f"! version {version.version}: {version.contradiction}", style="yellow")
+        for version in comparison.versions
+        if version.contradiction
+    ]
+    of = list_names(map(str, comparison.verifications))
     summary = Text(
-        f"{counted(found.values, 'value')} that can be compared with all of them; "
+        f"{counted(comparison.values, 'value')} that can be compared with all of them; "
         f"verifications {of}; * is active"
     )
     return Group(table, Text(), summary, *reasons, *denied)
 
 
-def _sizes(found: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:
+def _sizes(comparison: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[SizeAnswer]]]:
     """Give each component's sizes in the order of the versions, all lengths last."""
-    for i, size in enumerate(found.versions[0].components):
-        yield size.component, [one.components[i] for one in found.versions]
-    overall = [one.overall for one in found.versions if one.overall is not None]
-    if len(overall) == len(found.versions):
+    for i, size in enumerate(comparison.versions[0].components):
+        yield size.component, [version.components[i] for version in comparison.versions]
+    overall = [version.overall for version in comparison.versions if version.overall is not None]
+    if len(overall) == len(comparison.versions):
         yield "all lengths", overall
 
 
@@ -263,8 +271,8 @@ def preview_lines(preview: PreviewAnswer) -> Iterator[str]:
     if preview.recorded.changes:
         of = counted(preview.recorded.count, "recorded reading")
         named = "; ".join(_changes_then(preview.recorded.changes[:MOST_CHANGES]))
-        left = len(preview.recorded.changes) - MOST_CHANGES
-        more = f"; and {left} more by less" if left > 0 else ""
+        remaining = len(preview.recorded.changes) - MOST_CHANGES
+        more = f"; and {remaining} more by less" if remaining > 0 else ""
         yield f"would have changed the errors at the worst of {of} by more: {named}{more}"
 
 

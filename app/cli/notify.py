@@ -52,11 +52,15 @@ def send_test(
     Example: `thermap notify test maintenance`
     """
     with connect(url) as thermap:
-        names = [one.name for one in thermap.receivers().receivers] if name is None else [name]
+        names = (
+            [receiver.name for receiver in thermap.receivers().receivers]
+            if name is None
+            else [name]
+        )
         if not names:
             complain("there is no receiver: [[notify]] in the file of `thermap serve --config`")
             raise typer.Exit(1)
-        failed = [asked for asked in names if not _arrives(thermap, asked)]
+        failed = [receiver_name for receiver_name in names if not _arrives(thermap, receiver_name)]
     if failed:
         raise typer.Exit(1)
 
@@ -66,35 +70,35 @@ def _arrives(thermap: ThermapClient, name: str) -> bool:
     asked_at = thermap.test_receiver(name).test_asked_at
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
-        found = {one.name: one for one in thermap.receivers().receivers}.get(name)
-        if found and found.tested_at and asked_at and found.tested_at >= asked_at:
-            if found.test_failure:
-                complain(f"{name}: not sent: {found.test_failure}")
+        receiver = {item.name: item for item in thermap.receivers().receivers}.get(name)
+        if receiver and receiver.tested_at and asked_at and receiver.tested_at >= asked_at:
+            if receiver.test_failure:
+                complain(f"{name}: not sent: {receiver.test_failure}")
             else:
-                echo(f"{name}: sent by {found.service}")
-            return not found.test_failure
+                echo(f"{name}: sent by {receiver.service}")
+            return not receiver.test_failure
         time.sleep(POLL_S)
     complain(f"{name}: no service has sent it within {PATIENCE_S:g} s")
     return False
 
 
-def receivers_view(found: Receivers) -> RenderableType:
+def receivers_view(receivers: Receivers) -> RenderableType:
     """Lay out all receivers, those that cannot be told first."""
     table = listing("name", "by", "machines", "last message (UTC)", "", "waiting", "trouble")
-    for one in sorted(found.receivers, key=lambda one: not one.trouble):
+    for receiver in sorted(receivers.receivers, key=lambda item: not item.trouble):
         table.add_row(
-            one.name,
-            one.service,
-            list_names(one.machines, limit=3) if one.machines else "all",
-            when(one.sent_at),
-            one.sent,
-            list_names(one.waiting, limit=3) if one.waiting else "",
-            Text(_trouble(one), style="bold red"),
+            receiver.name,
+            receiver.service,
+            list_names(receiver.machines, limit=3) if receiver.machines else "all",
+            when(receiver.sent_at),
+            receiver.sent,
+            list_names(receiver.waiting, limit=3) if receiver.waiting else "",
+            Text(_trouble(receiver), style="bold red"),
         )
     return or_nothing(
         table, "nobody is told of alarms: [[notify]] in the file of `thermap serve --config`"
     )
 
 
-def _trouble(one: Receiver) -> str:
-    return one.trouble and f"{one.trouble}, since {when(one.trouble_since)}"
+def _trouble(receiver: Receiver) -> str:
+    return receiver.trouble and f"{receiver.trouble}, since {when(receiver.trouble_since)}"

@@ -135,7 +135,7 @@ def connect(url: str = DEFAULT_URL) -> ThermapClient:
         raise typer.BadParameter(str(error), param_hint="--url") from None
 
 
-def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
+def chosen_machine(thermap: ThermapClient, named: str | None) -> str:
     """Give the machine that is meant: the one that is stated, or the only one that is stored.
 
     Raises
@@ -143,8 +143,8 @@ def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
     typer.BadParameter
         If none is stated and several are stored, which are listed, or none is.
     """
-    if stated:
-        return stated
+    if named:
+        return named
     stored = [machine.id for machine in thermap.machines()]
     if len(stored) == 1:
         return stored[0]
@@ -154,7 +154,7 @@ def chosen_machine(thermap: ThermapClient, stated: str | None) -> str:
 
 
 def chosen_verifications(
-    thermap: ThermapClient, machine: str, stated: Sequence[int] | None
+    thermap: ThermapClient, machine: str, numbers: Sequence[int] | None
 ) -> list[int]:
     """Give the verifications that are meant: those stated, or all.
 
@@ -163,13 +163,15 @@ def chosen_verifications(
     typer.BadParameter
         If none is stored.
     """
-    found = list(stated or ()) or [one.id for one in thermap.verifications(machine)]
-    if not found:
+    chosen = list(numbers or ()) or [
+        verification.id for verification in thermap.verifications(machine)
+    ]
+    if not chosen:
         raise typer.BadParameter(
             f"machine {machine!r} has no verification yet; `thermap verifications store FILE "
             f"--machine {machine}` stores one"
         )
-    return found
+    return chosen
 
 
 def confirm(what: str, question: str, *, yes: bool) -> None:
@@ -205,7 +207,7 @@ def expect_page(output: Path) -> None:
         )
 
 
-def label_of(output: Path, stated: str | None) -> str:
+def label_of(output: Path, named: str | None) -> str:
     """Give the label that a simulated file states: its own name, unless another is stated.
 
     A label names one map or verification of a machine, so two files must not carry the same.
@@ -218,7 +220,7 @@ def label_of(output: Path, stated: str | None) -> str:
     >>> label_of(Path("monday/night-shift.csv"), None)
     'night-shift'
     """
-    label = output.stem if stated is None else stated
+    label = output.stem if named is None else named
     if not label.isprintable() or not label or label != label.strip(' ;,"'):
         raise typer.BadParameter(
             "expected a name in one line that begins and ends with neither a blank nor "
@@ -262,7 +264,7 @@ def _each(value: object) -> Iterable[object]:
     return value if isinstance(value, list) else [value]
 
 
-def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> dict[str, float]:
+def read_named_numbers(texts: Iterable[str] | None, option: str, what: str) -> dict[str, float]:
     """Read `NAME=NUMBER` as often as it is stated.
 
     Parameters
@@ -275,18 +277,18 @@ def read_named_numbers(stated: Iterable[str] | None, option: str, what: str) -> 
     typer.BadParameter
         If a value is not of this form, or a name is stated twice.
     """
-    found: dict[str, float] = {}
-    for text in stated or ():
+    by_name: dict[str, float] = {}
+    for text in texts or ():
         name, equals, written = (part.strip() for part in text.rpartition("="))
         number = read_number(written)
         if not name or not equals or number is None:
             raise typer.BadParameter(
                 f"expected NAME=NUMBER with {what}, got {text!r}", param_hint=option
             )
-        if name in found:
+        if name in by_name:
             raise typer.BadParameter(f"{name} is stated twice", param_hint=option)
-        found[name] = number
-    return found
+        by_name[name] = number
+    return by_name
 
 
 def read_time(text: str, option: str) -> datetime:
@@ -321,12 +323,12 @@ def read_point(text: str, option: str, example: str) -> list[float]:
     [0.0, 0.0, -12.5]
     """
     numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
-    found = [number for number in numbers if number is not None]
-    if len(numbers) != 3 or len(found) != 3:
+    coordinates = [number for number in numbers if number is not None]
+    if len(numbers) != 3 or len(coordinates) != 3:
         raise typer.BadParameter(
             f"expected X,Y,Z in mm, such as {example}, got {text!r}", param_hint=option
         )
-    return found
+    return coordinates
 
 
 _OPTIONS: Final = {
@@ -352,10 +354,10 @@ def in_options() -> Iterator[None]:
         yield
     except InvalidContentError as error:
         refusal = error.sentence.replace("state 'zero'", "state --missing-as-zero")
-        for one in error.errors:
-            field, _, rest = one.field.partition(".")
+        for field_error in error.errors:
+            field, _, rest = field_error.field.partition(".")
             if field in _OPTIONS:
-                refusal = refusal.replace(one.field, f"{_OPTIONS[field]} {rest}".strip())
+                refusal = refusal.replace(field_error.field, f"{_OPTIONS[field]} {rest}".strip())
         raise RefusedQuestion(refusal.removeprefix("--missing-as-zero: ")) from error
 
 

@@ -143,24 +143,26 @@ def _writes(make: Callable[..., MeasuringProgram]) -> Callable[..., None]:
     The command takes the options of `make`, but for its `machine` and `manner`, and those that
     `_machine_and_manner` and `_write` read.
     """
-    own = [p for p in _options(make) if p.name not in ("machine", "manner")]
+    method_options = [p for p in _options(make) if p.name not in ("machine", "manner")]
     moved, written = _options(_machine_and_manner), _options(_write)[1:]
 
-    def command(**stated: Any) -> None:
-        machine, manner = _machine_and_manner(**{p.name: stated[p.name] for p in moved})
-        found = make(machine, manner, **{p.name: stated[p.name] for p in own})
-        _write(found, **{p.name: stated[p.name] for p in written})
+    def command(**values: Any) -> None:
+        machine, manner = _machine_and_manner(**{p.name: values[p.name] for p in moved})
+        measuring_program = make(
+            machine, manner, **{p.name: values[p.name] for p in method_options}
+        )
+        _write(measuring_program, **{p.name: values[p.name] for p in written})
 
     (argument, *options) = moved
     command.__doc__ = make.__doc__
-    command.__signature__ = Signature([argument, *own, *written, *options])  # type: ignore[attr-defined]
+    command.__signature__ = Signature([argument, *method_options, *written, *options])  # type: ignore[attr-defined]
     return command
 
 
 def _options(function: Callable[..., object]) -> list[Parameter]:
     """Give a function's parameters; by their names, so that any may have a default."""
     parameters = signature(function, eval_str=True).parameters.values()
-    return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in parameters]
+    return [parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in parameters]
 
 
 def _machine_and_manner(
@@ -180,7 +182,7 @@ def _machine_and_manner(
 
 
 def _write(
-    found: MeasuringProgram,
+    measuring_program: MeasuringProgram,
     controller: ControllerOption,
     output: OutputOption = None,
     overwrite: OverwriteOption = False,
@@ -188,27 +190,31 @@ def _write(
     """Write both files, or none, and say what they are for."""
     dialect = dialect_named(controller)
     files = [
-        _WrittenFile(f"{found.name}{dialect.suffix}", dialect.write(found)),
-        _WrittenFile(f"{found.name}.csv", found.readings.content),
+        _WrittenFile(f"{measuring_program.name}{dialect.suffix}", dialect.write(measuring_program)),
+        _WrittenFile(f"{measuring_program.name}.csv", measuring_program.readings.content),
     ]
     if output is not None:
         write_files(output, files, overwrite=overwrite)
-    stops = sum(isinstance(block, Stop) for block in found.blocks)
-    echo(f"{found.title}, {found.machine}, for {dialect.title}: {dialect.status}")
-    for sentence in (dialect.where, *found.head):
+    stops = sum(isinstance(block, Stop) for block in measuring_program.blocks)
+    echo(
+        f"{measuring_program.title}, {measuring_program.machine}, for {dialect.title}: "
+        f"{dialect.status}"
+    )
+    for sentence in (dialect.where, *measuring_program.head):
         echo(f"  {sentence}")
     echo(
-        f"  takes {found.seconds / SECONDS_PER_MIN:.0f} min, rapid moves and acceleration not "
+        f"  takes {measuring_program.seconds / SECONDS_PER_MIN:.0f} min, rapid moves and "
+        "acceleration not "
         f"counted, and waits {counted(stops, 'time')} for you"
     )
-    for note in found.notes:
+    for note in measuring_program.notes:
         echo(f"note: {note}", err=True)
     names = list_names(file.name for file in files)
     if output is None:
         echo(f"{names}: written nowhere: state --output FOLDER")
         return
     echo(f"{names}: written to {output}")
-    command = found.readings.command.replace("FILE", str(output / files[1].name))
+    command = measuring_program.readings.command.replace("FILE", str(output / files[1].name))
     echo(f"fill in {files[1].name}, then: {command}")
 
 
@@ -445,12 +451,12 @@ def write_visit(
 
 def _numbers(text: str, option: str) -> list[float]:
     numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
-    found = [number for number in numbers if number is not None]
-    if len(found) < len(numbers):
+    finite = [number for number in numbers if number is not None]
+    if len(finite) < len(numbers):
         raise typer.BadParameter(
             f"expected positions in mm such as 0,100,250.5, got {text!r}", param_hint=option
         )
-    return found
+    return finite
 
 
 def _point(text: str | None, option: str) -> list[float] | None:

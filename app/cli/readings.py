@@ -95,13 +95,13 @@ def list_readings(
             of_machine = calls.withdrawn_readings(
                 chosen_machine(thermap, machine), earliest, last, limit
             )
-            show(thermap, of_machine, lambda found: withdrawn_view(found, limit), json=json)
+            show(thermap, of_machine, lambda answer: withdrawn_view(answer, limit), json=json)
         return
     first = datetime.now(UTC) - USUAL_SPAN if since is None else read_time(since, "--from")
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
         call = calls.readings(chosen, first, last, every_s, limit)
-        show(thermap, call, lambda found: readings_view(found, first, limit), json=json)
+        show(thermap, call, lambda answer: readings_view(answer, first, limit), json=json)
 
 
 @readings.command("withdraw")
@@ -189,9 +189,9 @@ def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -
     has_state = any(one.state for one in found)
     table = listing("time [UTC]", "temperatures [°C]", *(["state"] if has_state else []))
     table.columns[0].no_wrap = True
-    for one in found:
-        state = ", ".join(f"{name} {value:g}" for name, value in one.state.items())
-        cells = [_shown(one.time), temperatures(one.temperatures_c)]
+    for reading in found:
+        state = ", ".join(f"{name} {value:g}" for name, value in reading.state.items())
+        cells = [_seconds(reading.time), temperatures(reading.temperatures_c)]
         table.add_row(*cells, *([state] if has_state else []))
     return Group(table, *([_more(limit)] if len(found) >= limit else []))
 
@@ -202,8 +202,10 @@ def withdrawn_view(found: Sequence[WithdrawnReadingAnswer], limit: int) -> Rende
         return Text("no reading was withdrawn")
     table = listing("time [UTC]", "withdrawn [UTC]", "temperatures [°C]")
     table.columns[0].no_wrap = True
-    for one in found:
-        table.add_row(_shown(one.time), when(one.withdrawn_at), temperatures(one.temperatures_c))
+    for reading in found:
+        table.add_row(
+            _seconds(reading.time), when(reading.withdrawn_at), temperatures(reading.temperatures_c)
+        )
     return Group(table, *([_more(limit)] if len(found) >= limit else []))
 
 
@@ -211,7 +213,7 @@ def _more(limit: int) -> Text:
     return Text(f"! the first {limit}; there may be more: --from, --every-s and --limit choose")
 
 
-def _shown(time: datetime) -> str:
+def _seconds(time: datetime) -> str:
     """Write a time with all its digits: it names the reading, to be withdrawn for example."""
     fraction = f".{time.microsecond:06d}".rstrip("0") if time.microsecond else ""
     return f"{time:%Y-%m-%d %H:%M:%S}{fraction}"

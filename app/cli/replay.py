@@ -203,21 +203,21 @@ def _show_change(thermap: ThermapClient, machine: str, plan: Plan) -> None:
         terminal.print(f"! {warning}", style="yellow")
 
 
-def _read_columns(stated: list[str] | None) -> dict[str, str]:
-    found = {}
-    for text in stated or ():
+def _read_columns(texts: list[str] | None) -> dict[str, str]:
+    columns = {}
+    for text in texts or ():
         name, equals, sensor = (part.strip() for part in text.rpartition("="))
         if not name or not equals or not sensor:
             raise typer.BadParameter(f"expected NAME=SENSOR, got {text!r}", param_hint="--column")
-        found[name] = sensor
-    return found
+        columns[name] = sensor
+    return columns
 
 
 def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list[str]:
     """Name the machine's sensors; a column of any other is wrong usage."""
     sensors = [sensor.name for sensor in machine.sensors]
-    stated = {meaning for meaning in columns.values() if not name_after(STATE, meaning)}
-    unknown = sorted(stated - {*sensors, *TIME_COLUMNS})
+    sensors_named = {meaning for meaning in columns.values() if not name_after(STATE, meaning)}
+    unknown = sorted(sensors_named - {*sensors, *TIME_COLUMNS})
     if unknown:
         raise typer.BadParameter(
             f"machine {machine.id!r} has no sensor {list_names(unknown)}; "
@@ -339,13 +339,13 @@ def _seems_to_jump(
     """
     allowance_c = CLEARLY * sensor.resolution_c
     rate_c_per_s = sensor.max_rate_c_per_min / SECONDS_PER_MIN
-    known = [
+    recorded = [
         (time_s / speed, values[sensor.name])
         for time_s, values in zip(recording.times_s, recording.temperatures_c, strict=True)
         if sensor.name in values
     ]
-    kept_s, kept_c = known[0] if known else (0.0, 0.0)
-    for time_s, value_c in known:
+    kept_s, kept_c = recorded[0] if recorded else (0.0, 0.0)
+    for time_s, value_c in recorded:
         if abs(value_c - kept_c) > allowance_c + rate_c_per_s * (time_s - kept_s):
             return True
         if time_s - kept_s >= spacing_s:
@@ -377,14 +377,14 @@ def sampled_tables(
 
     Readings that have no table, because a sensor is missing, are passed over.
     """
-    found = []
+    tables = []
     for i in evenly_chosen(len(readings), SAMPLES):
-        one = readings[i]
+        reading = readings[i]
         try:
-            found.append(thermap.compensation(machine, one.temperatures_c, one.state))
+            tables.append(thermap.compensation(machine, reading.temperatures_c, reading.state))
         except InvalidContentError:
             continue
-    return found
+    return tables
 
 
 def component_changes(tables: Sequence[CompensationAnswer]) -> list[ComponentChange]:

@@ -74,12 +74,12 @@ def assign_sensors(
     """
     from thermap import calls
 
-    stated = _read_assignment(assignment)
+    assigned = _read_assignment(assignment)
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
         show(
             thermap,
-            calls.assign_sensors(chosen, stated),
+            calls.assign_sensors(chosen, assigned),
             lambda answer: assigned_view(answer, chosen),
             json=json,
         )
@@ -113,9 +113,9 @@ def correlate_sensors(
         chosen = chosen_machine(thermap, machine)
         proposals = thermap.send(calls.correlate_sensors(chosen)).components
         proposed = {
-            one.component: one.proposed
-            for one in proposals
-            if one.proposed not in (None, one.current)
+            proposal.component: proposal.proposed
+            for proposal in proposals
+            if proposal.proposed not in (None, proposal.current)
         }
         if not proposed:
             echo("nothing to assign: every component follows the sensor that the maps speak for")
@@ -128,19 +128,19 @@ def correlate_sensors(
         )
 
 
-def _read_assignment(stated: list[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for text in stated:
+def _read_assignment(texts: list[str]) -> dict[str, str]:
+    assignment: dict[str, str] = {}
+    for text in texts:
         component, equals, sensor = (part.strip() for part in text.partition("="))
         if not component or not equals or not sensor:
             raise typer.BadParameter(
                 f"expected COMPONENT=SENSOR such as EXX=x-middle, got {text!r}",
                 param_hint="COMPONENT=SENSOR",
             )
-        if component in found:
+        if component in assignment:
             raise typer.BadParameter(f"{component} is stated twice", param_hint="COMPONENT=SENSOR")
-        found[component] = sensor
-    return found
+        assignment[component] = sensor
+    return assignment
 
 
 def assigned_view(
@@ -159,21 +159,25 @@ def assignment_view(assignment: Mapping[str, str]) -> RenderableType:
     return or_nothing(table, "no sensor is assigned to any component yet")
 
 
-def correlation_view(found: CorrelationAnswer) -> RenderableType:
+def correlation_view(correlations: CorrelationAnswer) -> RenderableType:
     """Lay out what the maps say about each component's sensor."""
     table = listing(
         "component", "follows", "proposed", "r", "95 % from, to", "maps", right="lllrrr"
     )
-    for one in found.components:
+    for proposed in correlations.components:
         table.add_row(
-            one.component, one.current or "–", one.proposed or "–", *_strength(one), str(one.maps)
+            proposed.component,
+            proposed.current or "–",
+            proposed.proposed or "–",
+            *_strength(proposed),
+            str(proposed.maps),
         )
     reasons = [
         Text(f"{one.component}: {one.reason}", style="dim")
-        for one in found.components
+        for one in correlations.components
         if one.reason
     ]
-    differing = [one for one in found.components if one.proposed not in (None, one.current)]
+    differing = [one for one in correlations.components if one.proposed not in (None, one.current)]
     advice = []
     if clear := [f"{one.component}={one.proposed}" for one in differing if not _ties(one)]:
         advice.append(f"\n`thermap sensors assign {shell_words(clear)}` assigns as proposed")
@@ -182,19 +186,19 @@ def correlation_view(found: CorrelationAnswer) -> RenderableType:
             f"\nThe maps do not tell the sensors of {list_names(tied)} apart: assign the one that "
             f"is nearest to what heats it (`thermap sensors assign {tied[0]}=SENSOR …`)"
         )
-    shown = or_nothing(table, "no error map is stored yet")
-    return Group(shown, *reasons, *map(Text, advice))
+    body = or_nothing(table, "no error map is stored yet")
+    return Group(body, *reasons, *map(Text, advice))
 
 
-def _ties(one: ProposalAnswer) -> bool:
+def _ties(proposal: ProposalAnswer) -> bool:
     """Whether other sensors explain a component as well as the one that is proposed."""
-    return sum(c.ties_with_best for c in one.correlations) > 1
+    return sum(c.ties_with_best for c in proposal.correlations) > 1
 
 
-def _strength(one: ProposalAnswer) -> tuple[str, str]:
+def _strength(proposal: ProposalAnswer) -> tuple[str, str]:
     """Write r and its interval of the sensor that is proposed."""
-    for c in one.correlations:
-        if c.sensor == one.proposed and c.r is not None:
+    for c in proposal.correlations:
+        if c.sensor == proposal.proposed and c.r is not None:
             low, high = c.confidence_95 or (None, None)
             interval = "–" if low is None or high is None else f"{low:+.2f}, {high:+.2f}"
             return f"{c.r:+.3f}", interval

@@ -142,20 +142,22 @@ def simulate_step_diagonal(
     if step is not None:
         plan["step_mm"] = read_point(step, "--step", "50,50,40")
     with connect(url) as thermap:
-        found = thermap.simulate_step_diagonal(machine, plan)
-    text = "".join(f"{line}\n" for line in step_diagonal_lines(found, plan, named, _now()))
+        simulated = thermap.simulate_step_diagonal(machine, plan)
+    text = "".join(f"{line}\n" for line in step_diagonal_lines(simulated, plan, named, _now()))
     write_file(output, text)
     zero = (
-        [f"counted as zero: {list_names(found.counted_as_zero)}"] if found.counted_as_zero else []
+        [f"counted as zero: {list_names(simulated.counted_as_zero)}"]
+        if simulated.counted_as_zero
+        else []
     )
-    for warning in [*zero, *found.warnings]:
+    for warning in [*zero, *simulated.warnings]:
         echo(f"note: {warning}", err=True)
-    walked = f"{counted(len(found.diagonals), 'diagonal')} in {counted(steps, 'step')}"
+    walked = f"{counted(len(simulated.diagonals), 'diagonal')} in {counted(steps, 'step')}"
     echo(f"{output}: {walked}, simulated")
 
 
 def step_diagonal_lines(
-    found: SimulatedStepDiagonal, plan: dict[str, Any], label: str, measured_at: str
+    simulated: SimulatedStepDiagonal, plan: dict[str, Any], label: str, measured_at: str
 ) -> Iterator[str]:
     """Write the lines of the file as docs/methods/files.md has them.
 
@@ -165,22 +167,22 @@ def step_diagonal_lines(
         What it was asked, of which noise, resolution and tilts are told in a sentence.
     """
     yield f"# label: {label}"
-    yield f"# machine: {found.machine}"
+    yield f"# machine: {simulated.machine}"
     yield f"# measured_at: {measured_at}"
     yield "# instrument: simulation"
     # Sentences without a colon are read by people alone.
-    yield f"# Simulated from model version {found.model_version}, for training, not measured"
+    yield f"# Simulated from model version {simulated.model_version}, for training, not measured"
     yield f"# Simulated with {_disturbances(plan)}"
-    if found.counted_as_zero:
-        yield f"# No two maps have {list_names(found.counted_as_zero)}, which count as zero"
-    for sensor, temperature_c in found.temperatures_c.items():
+    if simulated.counted_as_zero:
+        yield f"# No two maps have {list_names(simulated.counted_as_zero)}, which count as zero"
+    for sensor, temperature_c in simulated.temperatures_c.items():
         yield f"# temperature {sensor}: {temperature_c!r}"
-    yield f"# origin_mm: {_point(found.origin_mm)}"
-    yield f"# step_mm: {_point(found.step_mm)}"
-    yield f"# tool_offset_mm: {_point(found.tool_offset_mm)}"
-    yield f"# target: {found.target}"
+    yield f"# origin_mm: {_point(simulated.origin_mm)}"
+    yield f"# step_mm: {_point(simulated.step_mm)}"
+    yield f"# tool_offset_mm: {_point(simulated.tool_offset_mm)}"
+    yield f"# target: {simulated.target}"
     yield "diagonal,step,after_x_um,after_y_um,after_z_um"
-    for diagonal, rows in found.diagonals.items():
+    for diagonal, rows in simulated.diagonals.items():
         for number, row in enumerate(rows, start=1):
             readings = ",".join(f"{reading:.{_DECIMALS}f}" for reading in row)
             yield f"{diagonal},{number},{readings}"
@@ -212,18 +214,18 @@ def _expect_file_and_target(output: Path, target: str) -> None:
         )
 
 
-def _read_tilts(stated: Iterable[str]) -> Iterator[tuple[str, list[float]]]:
+def _read_tilts(texts: Iterable[str]) -> Iterator[tuple[str, list[float]]]:
     """Read `DIAGONAL=A,B` as often as it is stated."""
     met: set[str] = set()
-    for text in stated:
+    for text in texts:
         diagonal, _, written = text.partition("=")
         numbers = [read_number(part, decimal_comma=False) for part in written.split(",")]
-        found = [number for number in numbers if number is not None]
-        if diagonal not in DIAGONALS or diagonal in met or len(numbers) != 2 or len(found) != 2:
+        tilts = [number for number in numbers if number is not None]
+        if diagonal not in DIAGONALS or diagonal in met or len(numbers) != 2 or len(tilts) != 2:
             raise typer.BadParameter(
                 f"expected DIAGONAL=A,B once for each of {list_names(DIAGONALS)}, with two "
                 f"angles in µrad such as ppp=100,0, got {text!r}",
                 param_hint="--mirror-tilt",
             )
         met.add(diagonal)
-        yield diagonal, found
+        yield diagonal, tilts

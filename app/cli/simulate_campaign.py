@@ -266,20 +266,21 @@ def simulate_campaign(
         "warm_up_um": warm_up,
         "setup_correlation": setup_correlation,
     }
-    made = _made(seed, effect or [NONE], size, visits, record, every, conditions)
-    name = machine or made.machine["id"]
-    described = {**made.machine, "id": name}
-    verifications = made.verifications if split is None else made.as_many_verifications(split)
+    campaign = _simulated(seed, effect or [NONE], size, visits, record, every, conditions)
+    name = machine or campaign.machine["id"]
+    described = {**campaign.machine, "id": name}
+    verifications = (
+        campaign.verifications if split is None else campaign.as_many_verifications(split)
+    )
     if output is not None:
-        _write(made, output, described, verifications)
+        _write(campaign, output, described, verifications)
     if store:
         with connect(url) as thermap:
             thermap.create_machine(described)
-            store_maps(thermap, name, made.error_maps)
-            store_measured(thermap, name, made.readings, verifications)
-    content = (
-        f"{counted(len(made.readings), 'reading')}, {counted(len(verifications), 'verification')}"
-    )
+            store_maps(thermap, name, campaign.error_maps)
+            store_measured(thermap, name, campaign.readings, verifications)
+    readings = counted(len(campaign.readings), "reading")
+    content = f"{readings}, {counted(len(verifications), 'verification')}"
     echo(f"machine {name!r}: {content}, simulated with seed {seed}")
     if output is not None:
         _say_what_next(output, name, stored=store)
@@ -301,7 +302,7 @@ def _expect_once(effects: Sequence[str]) -> None:
             raise typer.BadParameter(f"expected {kind} once, got it twice", param_hint="--effect")
 
 
-def _made(
+def _simulated(
     seed: int,
     effects: Sequence[str],
     size: float,
@@ -325,9 +326,9 @@ def _made(
         raise typer.BadParameter(str(wrong)) from None
 
 
-def _drawn(seed: int, stated: Sequence[str]) -> str:
+def _drawn(seed: int, effects: Sequence[str]) -> str:
     """Draw one that is not stated by its name too: from the seed's on, the next that is free."""
-    kinds = {name.partition(":")[0] for name in stated}
+    kinds = {name.partition(":")[0] for name in effects}
     first = seed % len(IN_NO_FAMILY)
     free = [k for k in (*IN_NO_FAMILY[first:], *IN_NO_FAMILY[:first]) if k not in kinds]
     if not free:
@@ -338,16 +339,16 @@ def _drawn(seed: int, stated: Sequence[str]) -> str:
     return free[0]
 
 
-def _write(made: Campaign, folder: Path, machine: Body, verifications: Sequence[Body]) -> None:
+def _write(campaign: Campaign, folder: Path, machine: Body, verifications: Sequence[Body]) -> None:
     """Write the bodies of requests, and the truth in a file of its own."""
     from app.simulation.undeclared.files import campaign_files
 
-    files = campaign_files(made)
-    kept = {n: body for n, body in files.items() if not n.startswith("verification-")}
-    kept["machine.json"] = machine
-    kept |= {f"verification-{i:03d}.json": body for i, body in enumerate(verifications, start=1)}
+    files = campaign_files(campaign)
+    bodies = {n: body for n, body in files.items() if not n.startswith("verification-")}
+    bodies["machine.json"] = machine
+    bodies |= {f"verification-{i:03d}.json": body for i, body in enumerate(verifications, start=1)}
     folder.mkdir(parents=True, exist_ok=True)
-    for name, body in kept.items():
+    for name, body in bodies.items():
         text = json.dumps(body, allow_nan=False, ensure_ascii=False)
         (folder / name).write_text(text + "\n", encoding="utf-8")
 
@@ -373,4 +374,4 @@ def store_measured(
     """Store readings and verifications; what is there already stays as it is. Give the numbers."""
     for first in range(0, len(readings), READINGS_AT_ONCE):
         thermap.store_readings(machine, readings[first : first + READINGS_AT_ONCE])
-    return [thermap.store_verification(machine, one).id for one in verifications]
+    return [thermap.store_verification(machine, verification).id for verification in verifications]

@@ -250,20 +250,20 @@ def _predicted(
     missing_as_zero: bool,
 ) -> Iterator[_Row]:
     """Ask the model for the error at the nest; a time at which it has none is left out."""
-    asked: list[dict[str, Any]] = []
+    questions: list[dict[str, Any]] = []
     for i, reading in enumerate(readings):
         _, place = places[i % len(places)]
-        asked += [
+        questions += [
             {"time": _time(reading), "point_mm": place, "tool_offset_mm": height}
             for height in heights
         ]
-    if not asked:
+    if not questions:
         return
     missing = "zero" if missing_as_zero else "refuse"
-    found = thermap.predict(machine, asked, missing_components=missing).predicted_um
+    predicted_um = thermap.predict(machine, questions, missing_components=missing).predicted_um
     sensors = _SINGLE + (_DOUBLE if len(heights) > 1 else ())
     for i, reading in enumerate(readings):
-        errors = found[i * len(heights) : (i + 1) * len(heights)]
+        errors = predicted_um[i * len(heights) : (i + 1) * len(heights)]
         if any(not isinstance(error, Sequence) for error in errors):
             continue
         read: Any = errors

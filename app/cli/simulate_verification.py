@@ -213,23 +213,23 @@ def simulate_verification(
 
 def _predictable(visit: Iterable[Observation]) -> list[Observation]:
     """Leave out what a prediction does not ask for."""
-    return [{k: v for k, v in one.items() if k != "setup"} for one in visit]
+    return [{k: v for k, v in observation.items() if k != "setup"} for observation in visit]
 
 
-def _read_reversals(stated: Sequence[str] | None) -> dict[str, float]:
+def _read_reversals(texts: Sequence[str] | None) -> dict[str, float]:
     """Read reversal values by the components' codes."""
     from app.geometry.components import parse_component
 
-    found = {}
-    named = read_named_numbers(stated, "--reversal", "a reversal value in µm")
+    reversals = {}
+    named = read_named_numbers(texts, "--reversal", "a reversal value in µm")
     for name, value in named.items():
         component, _ = _parsed(name, "--reversal", parse_component)
         if not component.is_table:
             raise typer.BadParameter(
                 f"{component.code} has no direction of approach", param_hint="--reversal"
             )
-        found[component.code] = value
-    return found
+        reversals[component.code] = value
+    return reversals
 
 
 def _parsed(name: str, option: str, parse: Any) -> Any:
@@ -246,8 +246,8 @@ def _stated_plan(file: Path) -> _Plan:
     body = read_csv_verification(file, is_planned=True).body
     ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))
     setups: dict[str | None, list[Observation]] = {}
-    for one in ordered:
-        setups.setdefault(one.get("setup"), []).append(one)
+    for observation in ordered:
+        setups.setdefault(observation.get("setup"), []).append(observation)
     return _Plan(list(setups.values()), body.get("datum", "absolute"))
 
 
@@ -263,7 +263,7 @@ def _default_plan(
     ranges = _ranges_of_maps(thermap, machine, components)
     count = positions * len(ranges)
     readings = thermap.readings(machine, *span, every_s=VISITS_APART.total_seconds())
-    times = [one.time for one in readings]
+    times = [stored.time for stored in readings]
     every = OBSERVATION_EVERY
     starts = _spread(times, visits, every * count)
     if times and not starts:
@@ -288,7 +288,7 @@ def _default_plan(
             "no more",
             err=True,
         )
-    found = []
+    planned = []
     for i, start in enumerate(starts):
         # The maps in use can change while a visit lasts, so they are asked for at both its ends.
         end = start + every * count
@@ -297,8 +297,8 @@ def _default_plan(
         here = ranges
         for reading in (around[0], after):
             here = here | _ranges_of_table(thermap, machine, reading.temperatures_c, here)
-        found.append(list(_visit(start, _places(here, positions), i, every)))
-    return _Plan(found, "absolute")
+        planned.append(list(_visit(start, _places(here, positions), i, every)))
+    return _Plan(planned, "absolute")
 
 
 def _ranges_of_maps(
@@ -345,7 +345,7 @@ def _ranges_of_table(
     except ThermapClientError:
         return {}
     travel = thermap.machine(machine).axes
-    found: dict[str, _Range] = {}
+    ranges_by_code: dict[str, _Range] = {}
     for entry in table.components:
         ends = ranges.get(entry.component)
         if ends is None:
@@ -358,22 +358,22 @@ def _ranges_of_table(
         axis = travel.get(str(COMPONENTS[entry.component].axis))
         if axis is not None:
             low, high = max(low, axis.min_mm), min(high, axis.max_mm)
-        found[entry.component] = (low, high)
-    return found
+        ranges_by_code[entry.component] = (low, high)
+    return ranges_by_code
 
 
 def _places(ranges: Mapping[str, _Range], positions: int) -> list[tuple[str, float | None]]:
     """List component and position, evenly over each range."""
-    found: list[tuple[str, float | None]] = []
+    places: list[tuple[str, float | None]] = []
     for code, ends in ranges.items():
         if ends is None:
             # One value in a visit would not show its scatter.
-            found += [(code, None)] * positions
+            places += [(code, None)] * positions
         else:
             low, high = ends
             steps = range(positions)
-            found += [(code, low + (high - low) * (i + 0.5) / positions) for i in steps]
-    return found
+            places += [(code, low + (high - low) * (i + 0.5) / positions) for i in steps]
+    return places
 
 
 def _spread(times: Sequence[datetime], visits: int, lasting: timedelta) -> list[datetime]:
@@ -393,15 +393,15 @@ def _visit(
 ) -> Iterator[Observation]:
     """Go through all places, from both sides in turn."""
     for i, (code, position) in enumerate(places):
-        found: Observation = {
+        observation: Observation = {
             "time": (start + i * every).isoformat().replace("+00:00", "Z"),
             "component": code,
             "setup": f"visit {number + 1}",
         }
         if position is not None:
             sign = "+" if (i + number) % 2 else "-"
-            found |= {"position_mm": round(position, 3), "direction": sign}
-        yield found
+            observation |= {"position_mm": round(position, 3), "direction": sign}
+        yield observation
 
 
 def _reversed_by(observation: Mapping[str, Any], reversals: Mapping[str, float]) -> float:

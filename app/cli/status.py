@@ -47,11 +47,11 @@ def status(
             show(thermap, calls.status(machine), status_view, json=json)
 
 
-def statuses_view(found: Sequence[MachineStatus]) -> RenderableType:
+def statuses_view(statuses: Sequence[MachineStatus]) -> RenderableType:
     """Lay out all machines, those that cannot be trusted first."""
     table = listing("machine", "verdict", "state", "since (UTC)", "why")
     order = list(reversed(WORDS))
-    for one in sorted(found, key=lambda m: order.index(m.verdict)):
+    for one in sorted(statuses, key=lambda m: order.index(m.verdict)):
         table.add_row(
             one.machine, _verdict(one), one.state, when(one.since), " ".join(one.sentences[:1])
         )
@@ -63,8 +63,10 @@ def status_view(one: MachineStatus) -> RenderableType:
     head = Text.assemble(_verdict(one), f" · {one.state}")
     if one.since is not None:
         head.append(f" since {when(one.since)} UTC")
-    said = [Text(sentence) for sentence in one.sentences]
-    return Group(head, *said, Text(), *(Text(fact) for fact in _facts(one)), _sensors(one.sensors))
+    sentences = [Text(sentence) for sentence in one.sentences]
+    return Group(
+        head, *sentences, Text(), *(Text(fact) for fact in _facts(one)), _sensors(one.sensors)
+    )
 
 
 def _verdict(one: MachineStatus) -> Text:
@@ -84,31 +86,31 @@ def _facts(one: MachineStatus) -> Iterator[str]:
         yield f"analysis {one.analysis.id} at {one.analysis.progress:.0%}"
 
 
-def _value(one: LargestValue) -> str:
-    place = "" if one.axis is None else f" at {one.axis.upper()} {one.position_mm:g}"
-    sign = "−" if one.value < 0 else "+"
-    return f"{one.component} {sign}{abs(one.value):.1f} {one.unit}{place}"
+def _value(value: LargestValue) -> str:
+    place = "" if value.axis is None else f" at {value.axis.upper()} {value.position_mm:g}"
+    sign = "−" if value.value < 0 else "+"
+    return f"{value.component} {sign}{abs(value.value):.1f} {value.unit}{place}"
 
 
 def _sensors(sensors: Sequence[SensorNow]) -> RenderableType:
     table = listing("sensor", "°C", "K/h", "age", "maps °C", "health", right="lrrrll")
-    for one in sensors:
-        maps = "–" if one.maps_c is None else f"{one.maps_c[0]:g} to {one.maps_c[1]:g}"
+    for sensor in sensors:
+        maps = "–" if sensor.maps_c is None else f"{sensor.maps_c[0]:g} to {sensor.maps_c[1]:g}"
         table.add_row(
-            one.sensor,
-            _number(one.temperature_c, ".2f"),
-            _number(one.rate_k_per_h, "+.1f"),
-            _number(one.age_s, ".0f", " s"),
+            sensor.sensor,
+            _number(sensor.temperature_c, ".2f"),
+            _number(sensor.rate_k_per_h, "+.1f"),
+            _number(sensor.age_s, ".0f", " s"),
             maps,
-            one.detail or _health(one),
+            sensor.detail or _health(sensor),
         )
     return or_nothing(table, "no sensors")
 
 
-def _health(one: SensorNow) -> str:
-    if one.no_value_since is not None:
+def _health(sensor: SensorNow) -> str:
+    if sensor.no_value_since is not None:
         return "no value"
-    return "late" if one.is_late else str(one.health)
+    return "late" if sensor.is_late else str(sensor.health)
 
 
 def _number(value: float | None, form: str, unit: str = "") -> str:

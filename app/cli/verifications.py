@@ -126,11 +126,11 @@ def show_residuals(
         expect_page(output)
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
-        asked = chosen_verifications(thermap, chosen, numbers)
-        call = loop_calls.residuals(chosen, asked, model_version, 0)
+        verification_ids = chosen_verifications(thermap, chosen, numbers)
+        call = loop_calls.residuals(chosen, verification_ids, model_version, 0)
         show(thermap, call, residuals_view, json=json)
         if output is not None:
-            write_file(output, thermap.residuals_page(chosen, asked, model_version))
+            write_file(output, thermap.residuals_page(chosen, verification_ids, model_version))
             echo(f"{output}: residuals as a page", err=True)
 
 
@@ -163,37 +163,44 @@ def verifications_view(found: Sequence[VerificationAnswer]) -> RenderableType:
     table = listing(
         *("no.", "label", "measured [UTC]", "count", "components", "model"), right="rllrll"
     )
-    for one in found:
-        judged = one.judgement.status if one.judgement else "not judged"
-        same_day = one.first_at.date() == one.last_at.date()
-        end = f"{one.last_at:%H:%M}" if same_day else when(one.last_at)
-        span = f"{when(one.first_at)} to {end}"
-        components = list_names(one.components)
-        table.add_row(str(one.id), one.label, span, str(one.count), components, judged)
+    for verification in found:
+        judged = verification.judgement.status if verification.judgement else "not judged"
+        same_day = verification.first_at.date() == verification.last_at.date()
+        end = f"{verification.last_at:%H:%M}" if same_day else when(verification.last_at)
+        span = f"{when(verification.first_at)} to {end}"
+        components = list_names(verification.components)
+        table.add_row(
+            str(verification.id),
+            verification.label,
+            span,
+            str(verification.count),
+            components,
+            judged,
+        )
     return or_nothing(table, "no verification is stored yet")
 
 
-def residuals_view(found: ResidualsAnswer) -> RenderableType:
+def residuals_view(residuals: ResidualsAnswer) -> RenderableType:
     """Lay out the sizes of residuals, component by component."""
     table = listing(
         *("residuals", "unit", "values", "mean", "RMS", "95 % below", "repeatability"),
         right="llrrrrr",
     )
-    overall = [found.overall] if found.overall else []
-    for size in [*found.components, *overall]:
+    overall = [residuals.overall] if residuals.overall else []
+    for size in [*residuals.components, *overall]:
         table.add_row(*_cells(size), style="bold" if size in overall else "")
-    of = list_names(map(str, found.verifications))
+    of = list_names(map(str, residuals.verifications))
     head = Text(
-        f"measured minus predicted by model version {found.model_version}; verifications {of}"
+        f"measured minus predicted by model version {residuals.model_version}; verifications {of}"
     )
     left_out = [
-        Text(f"! left out: {counted(one.count, 'value')}, {one.reason}", style="yellow")
-        for one in found.excluded
+        Text(f"! left out: {counted(group.count, 'value')}, {group.reason}", style="yellow")
+        for group in residuals.excluded
     ]
-    if found.contradiction:
-        left_out.insert(0, Text(f"! {found.contradiction}", style="yellow"))
-    if found.counted_as_zero:
-        codes = list_names(found.counted_as_zero)
+    if residuals.contradiction:
+        left_out.insert(0, Text(f"! {residuals.contradiction}", style="yellow"))
+    if residuals.counted_as_zero:
+        codes = list_names(residuals.counted_as_zero)
         left_out.append(
             Text(
                 f"! counted as zero at points, no two maps have them: {codes}; the residuals there "
@@ -201,22 +208,22 @@ def residuals_view(found: ResidualsAnswer) -> RenderableType:
                 style="yellow",
             )
         )
-    guessed = [Text(zeros_text(str(size.zero) for size in found.components), style="dim")]
-    guessed += [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(found) else []
-    shown = or_nothing(table, "nothing of them can be compared with the model")
-    return Group(head, Text(), shown, *left_out, *guessed)
+    guessed = [Text(zeros_text(str(size.zero) for size in residuals.components), style="dim")]
+    guessed += [Text(_ORIGIN_NOTE, style="dim")] if _is_any_guessed(residuals) else []
+    sizes = or_nothing(table, "nothing of them can be compared with the model")
+    return Group(head, Text(), sizes, *left_out, *guessed)
 
 
 _ORIGIN_NOTE: Final = "~ repeatability guessed from the residuals within visits: nobody stated it"
 
 
-def _is_any_guessed(found: ResidualsAnswer) -> bool:
-    return any("residuals" in size.repeatability_origin for size in found.components)
+def _is_any_guessed(residuals: ResidualsAnswer) -> bool:
+    return any("residuals" in size.repeatability_origin for size in residuals.components)
 
 
 def _cells(size: SizeAnswer) -> list[str]:
     guessed = "~" if "residuals" in size.repeatability_origin else ""
-    known = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
+    repeatability = "–" if size.repeatability is None else f"{guessed}{size.repeatability:.2f}"
     name = "all lengths" if size.component == "all" else size.component
-    numbers = (f"{size.mean:+z.2f}", f"{size.rms:.2f}", f"{size.p95:.2f}", known)
+    numbers = (f"{size.mean:+z.2f}", f"{size.rms:.2f}", f"{size.p95:.2f}", repeatability)
     return [name, size.unit, str(size.count), *numbers]

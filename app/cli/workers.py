@@ -97,10 +97,10 @@ class Workers:
 
 def worker_settings(settings: Settings, number: int) -> Settings:
     """Give a worker's settings: connections and the OPC UA server are the first one's alone."""
-    own: dict[str, object] = {"worker": number}
+    settings_of_worker: dict[str, object] = {"worker": number}
     if number > 1:
-        own |= {"config": None, "opcua_endpoint": ""}
-    return settings.model_copy(update=own)
+        settings_of_worker |= {"config": None, "opcua_endpoint": ""}
+    return settings.model_copy(update=settings_of_worker)
 
 
 def serve_as_worker(settings: Settings, opened: socket.socket, log_format: LogFormat) -> None:

@@ -69,30 +69,32 @@ def read_connections(path: Path) -> ConnectionsFile:
         extra that is not installed.
     """
     try:
-        stated = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InvalidContent(f"config: {path} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidContent(f"config: {path}: expected TOML in UTF-8: {error}") from error
     try:
-        found = ConnectionsFile.model_validate(stated, context={"folder": path.parent})
+        connections_file = ConnectionsFile.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
         errors = [
-            FieldError(".".join(map(str, one["loc"])), _words(one))
-            for one in error.errors(include_url=False)
+            FieldError(".".join(map(str, detail["loc"])), _words(detail))
+            for detail in error.errors(include_url=False)
         ]
-        words = "; ".join(f"{one.field}: {one.message}".removeprefix(": ") for one in errors[:5])
+        words = "; ".join(
+            f"{problem.field}: {problem.message}".removeprefix(": ") for problem in errors[:5]
+        )
         raise InvalidContent(f"config: {path}: {words}", errors) from None
-    for table in found.named:
+    for table in connections_file.named:
         if find_spec(table.library) is None:
             raise InvalidContent(
                 f"config: {path}: {table.name!r} needs the extra {table.extra}: "
                 f'pip install "thermap[{table.extra}]"'
             )
         _expect_usable(path, repr(table.name), table)
-    if found.opcua_server is not None and find_spec(OpcuaTable.library) is not None:
-        _expect_usable(path, "opcua_server", found.opcua_server)
-    return found
+    if connections_file.opcua_server is not None and find_spec(OpcuaTable.library) is not None:
+        _expect_usable(path, "opcua_server", connections_file.opcua_server)
+    return connections_file
 
 
 def _expect_usable(

@@ -20,10 +20,10 @@ from app.units import TemperatureUnit
 ShortName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
 
 
-def _read_unit(stated: object) -> TemperatureUnit:
-    if not isinstance(stated, str) or stated not in list(TemperatureUnit):
-        raise ValueError(f"expected one of {list_names(TemperatureUnit)}, got {stated!r:.80}")
-    return TemperatureUnit(stated)
+def _read_unit(raw: object) -> TemperatureUnit:
+    if not isinstance(raw, str) or raw not in list(TemperatureUnit):
+        raise ValueError(f"expected one of {list_names(TemperatureUnit)}, got {raw!r:.80}")
+    return TemperatureUnit(raw)
 
 
 StatedUnit: TypeAlias = Annotated[TemperatureUnit, BeforeValidator(_read_unit)]
@@ -128,15 +128,15 @@ class TemperatureTable(Table):
             raise ValueError("expected a factor other than 0, got 0")
         return factor
 
-    def to_c(self, raw: float, stated: TemperatureUnit | None = None) -> float:
-        """Convert a raw number to °C; `stated` is the sender's unit, where the file has none.
+    def to_c(self, raw: float, raw_unit: TemperatureUnit | None = None) -> float:
+        """Convert a raw number to °C; `raw_unit` is the sender's unit, where the file has none.
 
         >>> TemperatureTable(factor=0.1).to_c(243.0)
         24.3
         >>> TemperatureTable(factor=0.1, offset=-40.0, unit="FAHRENHEIT").to_c(1080.0)
         20.0
         """
-        unit = self.unit or stated or TemperatureUnit.CELSIUS
+        unit = self.unit or raw_unit or TemperatureUnit.CELSIUS
         return round(unit.to_c(raw * self.factor + self.offset), DECIMALS_C)
 
 
@@ -147,10 +147,10 @@ PLAIN: Final = TemperatureTable()
 def each(key: str) -> BeforeValidator:
     """Let `x-middle = "Xtemp"` stand for `x-middle = { KEY = "Xtemp" }` in a table of tables."""
 
-    def expand(stated: Any) -> Any:
-        if not isinstance(stated, dict):
-            return stated
-        return {k: {key: v} if isinstance(v, str) else v for k, v in stated.items()}
+    def expand(raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        return {k: {key: v} if isinstance(v, str) else v for k, v in raw.items()}
 
     return BeforeValidator(expand)
 

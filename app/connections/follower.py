@@ -50,7 +50,7 @@ class Followed:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class NewValue:
     """What a sender says of one that is followed.
 
     Parameters
@@ -130,7 +130,7 @@ class Follower(ABC):
         self,
         whose: str,
         followed: Mapping[str, Followed],
-        take: Callable[[Sequence[Found]], None],
+        take: Callable[[Sequence[NewValue]], None],
     ) -> None:
         self.is_connected = False
         self._followed = followed
@@ -237,7 +237,7 @@ class FollowingConnection:
             lost=0 if follower is None else follower.gone,
         )
 
-    def _take(self, found: Sequence[Found]) -> None:
+    def _take(self, found: Sequence[NewValue]) -> None:
         """Remember what holds from now on; without contact nothing is known any more."""
         if not found:
             self._known.forget()

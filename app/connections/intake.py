@@ -132,11 +132,11 @@ class _Collected:
             self.state.get(k, v) != v for k, v in state.items()
         )
 
-    def leave_out(self, known: Reading) -> None:
+    def leave_out(self, stored: Reading) -> None:
         """Leave out what a reading has already."""
-        for name in known.temperatures_c.keys() & self.temperatures_c.keys():
+        for name in stored.temperatures_c.keys() & self.temperatures_c.keys():
             del self.temperatures_c[name]
-        for name in known.state.keys() & self.state.keys():
+        for name in stored.state.keys() & self.state.keys():
             del self.state[name]
 
     @property
@@ -185,8 +185,8 @@ class Sender:
     def troubles(self) -> list[str]:
         """Name its sensors whose latest values were refused, and why."""
         reasons = {who: self._intake.refusal_of(*who) for who in sorted(self._refused)}
-        said = [f"{sensor} of {m!r}: {why}" for (m, sensor), why in reasons.items() if why]
-        return said[:NAMED]
+        troubles = [f"{sensor} of {m!r}: {why}" for (m, sensor), why in reasons.items() if why]
+        return troubles[:NAMED]
 
     def offer(
         self,
@@ -327,7 +327,9 @@ class Intake:
     def machines_with_wrong_clocks(self) -> tuple[str, ...]:
         """Machines of whose senders one stated a wrong time within the last minute."""
         since_s = monotonic() - RIGHT_AGAIN_S
-        return tuple(sorted(one for one, at_s in self._wrong_clocks.items() if at_s >= since_s))
+        return tuple(
+            sorted(machine for machine, at_s in self._wrong_clocks.items() if at_s >= since_s)
+        )
 
     async def run(self) -> None:
         """Store what is closed, for as long as it is not cancelled."""
@@ -360,49 +362,49 @@ class Intake:
             raise
         except UnknownThing as gone:
             # Asked for each reading alone, a machine that was deleted would hold up the others.
-            for one in batch:
-                self._refuse_whole(one, gone.detail)
+            for collected in batch:
+                self._refuse_whole(collected, gone.detail)
             self._forget(batch[0].machine)
         except Exception as why:
             if not isinstance(why, ThermapError):
                 log.exception("readings of machine %r could not be stored", batch[0].machine)
-            for one in batch:
-                await self._store_what_can_be(one)
+            for collected in batch:
+                await self._store_what_can_be(collected)
 
     async def _store(self, batch: Sequence[_Collected]) -> None:
-        readings = [one.reading() for one in batch]
+        readings = [reading_group.reading() for reading_group in batch]
         await run_in_threadpool(store_readings, self._context(), batch[0].machine, readings)
-        for one in batch:
-            self._settle(one, Fate.STORED)
+        for collected in batch:
+            self._settle(collected, Fate.STORED)
 
-    async def _store_what_can_be(self, one: _Collected) -> None:
+    async def _store_what_can_be(self, collected: _Collected) -> None:
         """Store a reading without the sensors that are refused: the others are not to blame."""
         try:
-            await self._store([one])
+            await self._store([collected])
         except StorageUnavailable:
             raise
         except ThermapError as error:
-            if isinstance(error, Conflict) and await self._go_behind(one):
+            if isinstance(error, Conflict) and await self._go_behind(collected):
                 return
             reasons = _blamed_sensors(error)
-            blamed = reasons.keys() & one.temperatures_c.keys()
+            blamed = reasons.keys() & collected.temperatures_c.keys()
             if not blamed:
-                self._refuse_whole(one, error.detail)
+                self._refuse_whole(collected, error.detail)
                 if isinstance(error, UnknownThing):
-                    self._forget(one.machine)
+                    self._forget(collected.machine)
                 return
-            self.refuse(f"machine {one.machine!r}", error.detail)
+            self.refuse(f"machine {collected.machine!r}", error.detail)
             for sensor in blamed:
-                del one.temperatures_c[sensor]
-                self._note_refusal(one.machine, sensor, reasons[sensor])
-            one.refused |= blamed
-            if one.temperatures_c or one.state:
-                await self._store_what_can_be(one)
+                del collected.temperatures_c[sensor]
+                self._note_refusal(collected.machine, sensor, reasons[sensor])
+            collected.refused |= blamed
+            if collected.temperatures_c or collected.state:
+                await self._store_what_can_be(collected)
             else:
-                self._settle(one, Fate.REFUSED)
+                self._settle(collected, Fate.REFUSED)
         except Exception as why:
             # One that nobody can store takes no other with it.
-            self._refuse_whole(one, words_of(why))
+            self._refuse_whole(collected, words_of(why))
 
     def _forget(self, machine: str) -> None:
         """Keep nothing of a machine that there is not: senders may name any number."""
@@ -414,49 +416,51 @@ class Intake:
         if len(self._refusals) < MOST_REFUSALS or (machine, sensor) in self._refusals:
             self._refusals[machine, sensor] = reason
 
-    async def _go_behind(self, one: _Collected) -> bool:
+    async def _go_behind(self, collected: _Collected) -> bool:
         """Store what is new of a time that has a reading, behind it; False where it contradicts.
 
         Sensors of one time that come in messages of their own do so where the service was killed
         between two of them. Of two services that read at the same microsecond one goes behind.
         """
-        known = await run_in_threadpool(reading_of_time, self._context(), one.machine, one.time)
-        if known is None:
+        stored = await run_in_threadpool(
+            reading_of_time, self._context(), collected.machine, collected.time
+        )
+        if stored is None:
             return False
-        if one.is_own_time:
-            one.time += random.randint(1, MOST_STEPS) * SMALLEST_STEP
-            await self._store_what_can_be(one)
+        if collected.is_own_time:
+            collected.time += random.randint(1, MOST_STEPS) * SMALLEST_STEP
+            await self._store_what_can_be(collected)
             return True
-        if one.contradicts(known.temperatures_c, known.state):
+        if collected.contradicts(stored.temperatures_c, stored.state):
             return False
-        one.leave_out(known)
-        if one.names:
-            one.time += SMALLEST_STEP
-            await self._store_what_can_be(one)
+        collected.leave_out(stored)
+        if collected.names:
+            collected.time += SMALLEST_STEP
+            await self._store_what_can_be(collected)
         else:
-            self._settle(one, Fate.STORED)
+            self._settle(collected, Fate.STORED)
         return True
 
-    def _refuse_whole(self, one: _Collected, reason: str) -> None:
-        self.refuse(f"machine {one.machine!r}", reason)
-        for sensor in one.temperatures_c:
-            self._note_refusal(one.machine, sensor, reason)
-        self._settle(one, Fate.REFUSED)
+    def _refuse_whole(self, collected: _Collected, reason: str) -> None:
+        self.refuse(f"machine {collected.machine!r}", reason)
+        for sensor in collected.temperatures_c:
+            self._note_refusal(collected.machine, sensor, reason)
+        self._settle(collected, Fate.REFUSED)
 
-    def _settle(self, one: _Collected, fate: Fate) -> None:
-        if one not in self._kept:  # dropped since, because too many came
+    def _settle(self, collected: _Collected, fate: Fate) -> None:
+        if collected not in self._kept:  # dropped since, because too many came
             return
-        self._kept.remove(one)
+        self._kept.remove(collected)
         self.counts.stored += fate is Fate.STORED
-        if one.has_waited and fate is Fate.STORED:
-            self._usual.setdefault(one.machine, set()).update(one.names)
+        if collected.has_waited and fate is Fate.STORED:
+            self._usual.setdefault(collected.machine, set()).update(collected.names)
         self.counts.dropped += fate is Fate.DROPPED
         if not self._kept:
             self._something.clear()
         if fate is Fate.STORED:
-            for sensor in one.temperatures_c:
-                self._refusals.pop((one.machine, sensor), None)
-        one.tell(fate)
+            for sensor in collected.temperatures_c:
+                self._refusals.pop((collected.machine, sensor), None)
+        collected.tell(fate)
 
     def _close_this(self, key: tuple[str, datetime | None], collected: _Collected) -> None:
         if self._open.get(key) is collected:
@@ -464,29 +468,29 @@ class Intake:
             self._close(key)
 
     def _close(self, key: tuple[str, datetime | None]) -> None:
-        one = self._open.pop(key)
-        if one.closing is not None:
-            one.closing.cancel()
-        self._kept.add(one)
+        collected = self._open.pop(key)
+        if collected.closing is not None:
+            collected.closing.cancel()
+        self._kept.add(collected)
         self._something.set()
         while len(self._kept) > self._limits.most_kept:
-            self._settle(self._kept.one_too_many(one.machine), Fate.DROPPED)
+            self._settle(self._kept.one_too_many(collected.machine), Fate.DROPPED)
 
     def _drop_all(self) -> None:
         for key in list(self._open):
             self._close(key)
-        for one in list(self._kept):
-            self._settle(one, Fate.DROPPED)
+        for collected in list(self._kept):
+            self._settle(collected, Fate.DROPPED)
 
     def _own_time(self, machine: str, now: datetime) -> datetime:
         latest = self._latest.get(machine)
-        own = now if latest is None else max(now, latest + SMALLEST_STEP)
-        if (own - now).total_seconds() > self._limits.clock_tolerance_s:
-            own = now  # the service's clock was ahead, and has been set right
+        time_by_clock = now if latest is None else max(now, latest + SMALLEST_STEP)
+        if (time_by_clock - now).total_seconds() > self._limits.clock_tolerance_s:
+            time_by_clock = now  # the service's clock was ahead, and has been set right
         if len(self._latest) >= MOST_MACHINES and machine not in self._latest:
             self._latest = {name: time for name, time in self._latest.items() if time >= now}
-        self._latest[machine] = own
-        return own
+        self._latest[machine] = time_by_clock
+        return time_by_clock
 
     def _judge_clock(self, machine: str, time: datetime, now: datetime) -> None:
         """Warn once when a sender's clock is wrong, and once when it is right again."""
@@ -551,5 +555,8 @@ def _blamed_sensors(error: ThermapError) -> dict[str, str]:
     """Read out of a refusal which sensors' values were refused, and why."""
     if not isinstance(error, InvalidContent):
         return {}
-    parts = [(one.field.partition(SENSOR_FIELD), one.message) for one in error.errors]
-    return {name: message for (_, found, name), message in parts if found}
+    parts = [
+        (field_error.field.partition(SENSOR_FIELD), field_error.message)
+        for field_error in error.errors
+    ]
+    return {name: message for (_, separator, name), message in parts if separator}

@@ -41,13 +41,13 @@ class KnownValues:
         return len(self._known)
 
     def take(
-        self, found: Mapping[str, float | None], time: datetime | None = None
+        self, values: Mapping[str, float | None], time: datetime | None = None
     ) -> asyncio.Future[Fate] | None:
         """Remember what holds from now on, and hand it over.
 
         Parameters
         ----------
-        found
+        values
             Name to [°C] or the state's unit; None takes a value away.
         time
             When it was measured, with its zone; without one, now.
@@ -57,16 +57,16 @@ class KnownValues:
         Future of Fate or None
             What becomes of the values; None where there are none to be stored.
         """
-        for name, value in found.items():
+        for name, value in values.items():
             if value is None:
                 self._known.pop(name, None)
             else:
                 self._known[name] = value
-        told = self._sensors & found.keys()
-        present = told & self._known.keys()
-        self._absent = (self._absent | told) - present
-        self._intake.tell_values(self._machine, present, told - present)
-        return self._offer(found, time)
+        reported = self._sensors & values.keys()
+        present = reported & self._known.keys()
+        self._absent = (self._absent | reported) - present
+        self._intake.tell_values(self._machine, present, reported - present)
+        return self._offer(values, time)
 
     def forget(self) -> None:
         """Know nothing any more, as without contact."""
@@ -87,10 +87,10 @@ class KnownValues:
         self, names: Iterable[str], time: datetime | None = None
     ) -> asyncio.Future[Fate] | None:
         """Hand over what is known of these, with the state that holds with it."""
-        told = set(names)
+        reported = set(names)
         state = {k: v for k, v in self._known.items() if k in self._states}
-        changed = {k: v for k, v in self._known.items() if k in self._sensors & told}
-        if not changed and not (state and told & state.keys()):
+        changed = {k: v for k, v in self._known.items() if k in self._sensors & reported}
+        if not changed and not (state and reported & state.keys()):
             return None
         # The rest is told again after `REPEATED_S`, so that a reading has what changed.
         return self._intake.offer(self._machine, changed, time, state)

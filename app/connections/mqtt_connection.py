@@ -16,7 +16,7 @@ from app.connections.known_values import REPEATED_S
 from app.connections.mqtt_link import Arrived, Broker, BrokerRefused, Link, LinkLost
 from app.connections.mqtt_payloads import Unusable
 from app.connections.mqtt_publisher import TablePublisher
-from app.connections.mqtt_readers import Stated, read_message
+from app.connections.mqtt_readers import MessageValues, read_message
 from app.connections.mqtt_tables import MqttTable, TopicTable
 from app.connections.sparing_log import SparingLog
 from app.connections.sparkplug_follower import SparkplugFollower
@@ -59,8 +59,8 @@ class MqttConnection(TellsTables):
         self._trouble = Trouble(f"MQTT {table.name!r}")
         self._refused: Sequence[str] = ()
         self._last_value_at: datetime | None = None
-        self._machines = {one.machine for one in table.topics if one.machine is not None}
-        self._machines |= {one.machine for one in table.sparkplug}
+        self._machines = {topic.machine for topic in table.topics if topic.machine is not None}
+        self._machines |= {sparkplug_table.machine for sparkplug_table in table.sparkplug}
         self._heard_s: dict[tuple[str, str], float] = {}
         self._limit_s: dict[tuple[str, str], float] = {}
         self._since_s: dict[tuple[str, str], float] = {}
@@ -93,16 +93,18 @@ class MqttConnection(TellsTables):
         )
 
     def _troubles(self) -> list[str]:
-        said = [str(self._trouble), *self._refused]
+        troubles = [str(self._trouble), *self._refused]
         if self._publisher is not None:
-            said.append(self._publisher.trouble)
+            troubles.append(self._publisher.trouble)
         if self._link is not None:
             absent = sorted({*self._absent, *self._sparkplug.absent})
-            said += [f"{sensor} of {machine!r}: {NO_VALUE}" for machine, sensor in absent[:NAMED]]
-            said += [self._silence(*one) for one in sorted(self._silent)[:NAMED]]
+            troubles += [
+                f"{sensor} of {machine!r}: {NO_VALUE}" for machine, sensor in absent[:NAMED]
+            ]
+            troubles += [self._silence(*silence) for silence in sorted(self._silent)[:NAMED]]
             if unsure := self._sparkplug.unsure():
-                said.append(f"messages of {list_names(unsure, 5)} are missing: no birth since")
-        return [words for words in said if words]
+                troubles.append(f"messages of {list_names(unsure, 5)} are missing: no birth since")
+        return [words for words in troubles if words]
 
     def _silence(self, machine: str, sensor: str) -> str:
         limit_s = self._limit_s[machine, sensor]
@@ -139,7 +141,7 @@ class MqttConnection(TellsTables):
                     self._context,
                 )
                 tasks.create_task(self._while_contact("tables", publisher.run, publisher.ended))
-            filters = dict.fromkeys(one.topic.filter for one in self._table.topics)
+            filters = dict.fromkeys(topic.topic.filter for topic in self._table.topics)
             self._refused = await link.subscribe([*filters, *self._sparkplug.filters])
             for words in self._refused:
                 log.warning("MQTT %r: %s", self._table.name, words)
@@ -169,12 +171,12 @@ class MqttConnection(TellsTables):
         began_s = monotonic()
         async for message in link.messages():
             try:
-                told = self._take(message)
+                fates = self._take(message)
             except Exception as why:
                 # Whatever a message raises refuses that message: it would come for ever.
                 self._intake.refuse(f"topic {message.topic!r:.200}", words_of(why))
-                told = []
-            _settle_when_told(link, message, told)
+                fates = []
+            _settle_when_told(link, message, fates)
             if monotonic() - began_s > TURN_S:
                 await asyncio.sleep(0)
                 began_s = monotonic()
@@ -190,10 +192,10 @@ class MqttConnection(TellsTables):
             return []
         if self._table.sparkplug and topic.startswith(f"{NAMESPACE}/"):
             # A birth or a value that somebody retained is of a session that nobody knows.
-            told = [] if message.is_retained else self._sparkplug.take(topic, message.payload)
-            if told:
+            fates = [] if message.is_retained else self._sparkplug.take(topic, message.payload)
+            if fates:
                 self._last_value_at = self._context().now()
-            return told
+            return fates
         for table in self._table.topics:
             names = table.topic.match(topic)
             if names is not None:
@@ -206,39 +208,53 @@ class MqttConnection(TellsTables):
             "file, and another client_id begins a new one"
         )
 
-    def _offer(self, table: TopicTable, stated: Stated, topic: str) -> list[asyncio.Future[Fate]]:
-        for words in stated.wrong:
+    def _offer(
+        self, table: TopicTable, message_values: MessageValues, topic: str
+    ) -> list[asyncio.Future[Fate]]:
+        for words in message_values.wrong:
             self._intake.refuse(f"topic {topic!r:.200}", words)
-        self._note_absent(stated)
-        if not stated.temperatures_c and not stated.state:
+        self._note_absent(message_values)
+        if not message_values.temperatures_c and not message_values.state:
             return []
         self._last_value_at = self._context().now()
-        for sensor in stated.temperatures_c:
-            if (stated.machine, sensor) in self._heard_s:
-                self._heard_s[stated.machine, sensor] = monotonic()
-        told = self._intake.offer(stated.machine, stated.temperatures_c, stated.time, stated.state)
-        told.add_done_callback(lambda fate: self._hear(fate, table, stated))
+        for sensor in message_values.temperatures_c:
+            if (message_values.machine, sensor) in self._heard_s:
+                self._heard_s[message_values.machine, sensor] = monotonic()
+        told = self._intake.offer(
+            message_values.machine,
+            message_values.temperatures_c,
+            message_values.time,
+            message_values.state,
+        )
+        told.add_done_callback(lambda fate: self._hear(fate, table, message_values))
         return [told]
 
-    def _note_absent(self, stated: Stated) -> None:
+    def _note_absent(self, message_values: MessageValues) -> None:
         """Note whose senders say that they have no value, and whose have one again."""
-        self._intake.tell_values(stated.machine, stated.temperatures_c, stated.without)
-        for sensor in stated.temperatures_c:
-            self._absent.pop((stated.machine, sensor), None)
-        for sensor in stated.without:
-            if len(self._absent) < MOST_HEARD and (stated.machine, sensor) not in self._absent:
-                self._absent[stated.machine, sensor] = None
-                words = f"{sensor} of {stated.machine!r}: {NO_VALUE}"
+        self._intake.tell_values(
+            message_values.machine, message_values.temperatures_c, message_values.without
+        )
+        for sensor in message_values.temperatures_c:
+            self._absent.pop((message_values.machine, sensor), None)
+        for sensor in message_values.without:
+            if (
+                len(self._absent) < MOST_HEARD
+                and (message_values.machine, sensor) not in self._absent
+            ):
+                self._absent[message_values.machine, sensor] = None
+                words = f"{sensor} of {message_values.machine!r}: {NO_VALUE}"
                 self._log.warn("absent", f"MQTT {self._table.name!r}: {words}")
 
-    def _hear(self, told: asyncio.Future[Fate], table: TopicTable, stated: Stated) -> None:
+    def _hear(
+        self, settled: asyncio.Future[Fate], table: TopicTable, message_values: MessageValues
+    ) -> None:
         """Note who was heard: only of machines and sensors that there are."""
-        if told.cancelled() or told.result() is not Fate.STORED:
+        if settled.cancelled() or settled.result() is not Fate.STORED:
             return
         if len(self._machines) < MOST_HEARD:
-            self._machines.add(stated.machine)
-        for sensor in stated.temperatures_c:
-            who = stated.machine, sensor
+            self._machines.add(message_values.machine)
+        for sensor in message_values.temperatures_c:
+            who = message_values.machine, sensor
             if who not in self._heard_s and len(self._heard_s) >= MOST_HEARD:
                 continue
             self._heard_s[who] = monotonic()
@@ -297,20 +313,20 @@ class MqttConnection(TellsTables):
         self._trouble.say(words)
 
 
-def _settle_when_told(link: Link, message: Arrived, told: Sequence[asyncio.Future[Fate]]) -> None:
+def _settle_when_told(link: Link, message: Arrived, fates: Sequence[asyncio.Future[Fate]]) -> None:
     """Acknowledge a message when all that it said is stored, or refused for good."""
-    waiting = set(told)
+    waiting = set(fates)
     if not waiting:
         link.settle(message)
         return
 
-    def hear(one: asyncio.Future[Fate]) -> None:
-        waiting.discard(one)
-        if one.cancelled() or (one.result() is Fate.DROPPED and message.qos > 0):
+    def hear(settled: asyncio.Future[Fate]) -> None:
+        waiting.discard(settled)
+        if settled.cancelled() or (settled.result() is Fate.DROPPED and message.qos > 0):
             # The broker has it still, and sends it again to the next contact.
             link.break_off("readings were dropped, as too many waited for the database")
         elif not waiting:
             link.settle(message)
 
-    for one in told:
-        one.add_done_callback(hear)
+    for fate in fates:
+        fate.add_done_callback(hear)

@@ -158,11 +158,11 @@ class Link:
     async def messages(self) -> AsyncIterator[Arrived]:
         """Give what comes, each once, to be settled; LinkLost where contact ends."""
         while True:
-            while (one := self._next()) is not None:
+            while (message := self._next()) is not None:
                 try:
-                    yield one
+                    yield message
                 finally:
-                    one.payload = b""  # it may wait for the database, its content does not
+                    message.payload = b""  # it may wait for the database, its content does not
             self._something.clear()
             if self._is_gone:
                 raise LinkLost(self._is_gone)
@@ -180,9 +180,9 @@ class Link:
             return
         message.is_settled = True
         while self._unsettled and self._unsettled[0].is_settled:
-            one = self._unsettled.popleft()
+            oldest = self._unsettled.popleft()
             if not self._is_gone:
-                self._client.ack(one.mid, one.qos)
+                self._client.ack(oldest.mid, oldest.qos)
                 self._awake()
 
     def break_off(self, why: str) -> None:
@@ -197,24 +197,24 @@ class Link:
         Sequence of str
             Of each filter that the broker refused, which and why.
         """
-        asked = list(filters)
+        topic_filters = list(filters)
         # Shared subscriptions have nothing retained.
         options = [
             SubscribeOptions(
                 qos=ASSURED,
                 retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND
-                if one.startswith("$share/")
+                if topic_filter.startswith("$share/")
                 else _NEW_ONLY,
             )
-            for one in asked
+            for topic_filter in topic_filters
         ]
-        if not asked:
+        if not topic_filters:
             return ()
-        rc, mid = self._client.subscribe(list(zip(asked, options, strict=True)))
+        rc, mid = self._client.subscribe(list(zip(topic_filters, options, strict=True)))
         answers = await self._answer(rc, mid)
         return [
-            f"the broker refuses {one!r}: {answer}"
-            for one, answer in zip(asked, answers, strict=False)
+            f"the broker refuses {topic_filter!r}: {answer}"
+            for topic_filter, answer in zip(topic_filters, answers, strict=False)
             if answer.is_failure
         ]
 
@@ -250,10 +250,10 @@ class Link:
             raise LinkLost(self._is_gone)
         if rc != MQTTErrorCode.MQTT_ERR_SUCCESS or mid is None:
             raise LinkLost(f"contact is lost: {rc.name}")
-        told = self._answers[mid] = self._loop.create_future()
+        answer = self._answers[mid] = self._loop.create_future()
         try:
             async with asyncio.timeout(within_s):
-                answers: Sequence[ReasonCode] = await told
+                answers: Sequence[ReasonCode] = await answer
                 return answers
         except TimeoutError:
             raise LinkLost(f"the broker did not answer within {within_s:.0f} s") from None
@@ -310,26 +310,26 @@ class Link:
     def _where(self) -> str:
         return f"{self._broker.host}:{self._broker.port}"
 
-    def _awake(self, *_told: Any) -> None:
+    def _awake(self, *_ignored: Any) -> None:
         """Let the network's thread look whether there is something to send."""
         with suppress(OSError):  # full: it looks in any case; or closed: it has ended
             self._wake.send(b"\0")
 
     def _next(self) -> Arrived | None:
         if self._waiting:
-            one = self._waiting.popleft()
-            self._note_read(one)
-            self._unsettled.append(one)
-            return one
+            message = self._waiting.popleft()
+            self._note_read(message)
+            self._unsettled.append(message)
+            return message
         if self._loose and self._loose_taken < self._broker.receive_maximum:
             self._loose_taken += 1
             return self._take_loose()
         return None
 
     def _take_loose(self) -> Arrived:
-        one = self._loose.popleft()
-        self._loose_bytes -= len(one.payload)
-        return one
+        message = self._loose.popleft()
+        self._loose_bytes -= len(message.payload)
+        return message
 
     def _note_read(self, message: Arrived) -> None:
         """Let the network go on where it waits for this to be read."""
@@ -385,8 +385,8 @@ class Link:
                 # What TLS has decrypted already makes no socket readable.
                 is_pending = hasattr(opened, "pending") and opened.pending() > 0
                 ready = {
-                    one.fileobj: events
-                    for one, events in selector.select(0.0 if is_pending else LOOK_EVERY_S)
+                    key.fileobj: events
+                    for key, events in selector.select(0.0 if is_pending else LOOK_EVERY_S)
                 }
                 if self._woken in ready:
                     self._woken.recv(4096)
@@ -409,9 +409,9 @@ class Link:
     def _is_open(self, opened: Any) -> bool:
         return self._client.socket() is opened
 
-    def _tell(self, what: Callable[..., None], *said: Any) -> None:
+    def _tell(self, what: Callable[..., None], *arguments: Any) -> None:
         with suppress(RuntimeError):  # the event loop has ended
-            self._loop.call_soon_threadsafe(what, *said)
+            self._loop.call_soon_threadsafe(what, *arguments)
 
     def _on_connect(
         self, _client: Client, _userdata: Any, flags: Any, code: ReasonCode, _properties: Any
@@ -467,17 +467,17 @@ class Link:
         self._something.set()
 
     def _settled(self, mid: int, codes: Sequence[ReasonCode]) -> None:
-        told = self._answers.get(mid)
-        if told is not None and not told.done():
-            told.set_result(codes)
+        answer = self._answers.get(mid)
+        if answer is not None and not answer.done():
+            answer.set_result(codes)
 
     def _lose(self, why: str) -> None:
         """Tell all who wait that there is no contact."""
         self._is_gone = self._is_gone or why
         lost = LinkLost(self._is_gone)
         waiting: list[asyncio.Future[Any]] = [self._connected, *self._answers.values()]
-        for told in waiting:
-            if not told.done():
-                told.set_exception(lost)
-                told.exception()  # nobody may be waiting for it
+        for answer in waiting:
+            if not answer.done():
+                answer.set_exception(lost)
+                answer.exception()  # nobody may be waiting for it
         self._something.set()

@@ -18,7 +18,7 @@ from app.units import MS_PER_S, read_time, time_since_1970
 
 _STEP: Final = re.compile(r'(?:^|(?<!^)\.)([^.\[\]"]+)|\[(\d{1,6})\]|\["([^"]+)"\]')
 
-SHOWN: Final = 60
+LONGEST_EXCERPT: Final = 60
 """Of a payload that cannot be read [characters]."""
 
 
@@ -51,12 +51,12 @@ class JsonPath:
         steps: list[str | int] = []
         at = 0
         while at < len(text):
-            found = _STEP.match(text, at)
-            if found is None:
+            step = _STEP.match(text, at)
+            if step is None:
                 raise ValueError(f"expected a path as d.temps[0], got {text!r:.80}")
-            name, index, quoted = found.groups()
+            name, index, quoted = step.groups()
             steps.append(int(index) if index is not None else name or quoted)
-            at = found.end()
+            at = step.end()
         if not steps:
             raise ValueError("expected a path as d.temps[0], got an empty one")
         return cls(text, tuple(steps))
@@ -98,10 +98,10 @@ def read_text(payload: bytes) -> float:
     >>> read_text(b" 21.5 ")
     21.5
     """
-    text = payload[: SHOWN * 4].decode("utf-8", "replace").strip()
+    text = payload[: LONGEST_EXCERPT * 4].decode("utf-8", "replace").strip()
     number = read_number(text, decimal_comma=False)
-    if len(payload) > SHOWN * 4 or number is None:
-        raise Unusable(f"expected a number, got {text[:SHOWN]!r}")
+    if len(payload) > LONGEST_EXCERPT * 4 or number is None:
+        raise Unusable(f"expected a number, got {text[:LONGEST_EXCERPT]!r}")
     return number
 
 
@@ -110,35 +110,35 @@ def read_json(payload: bytes) -> Any:
     try:
         return orjson.loads(payload)
     except orjson.JSONDecodeError as why:
-        shown = payload[:SHOWN].decode("utf-8", "replace")
-        raise Unusable(f"expected JSON, got {shown!r}: {why}") from None
+        excerpt = payload[:LONGEST_EXCERPT].decode("utf-8", "replace")
+        raise Unusable(f"expected JSON, got {excerpt!r}: {why}") from None
 
 
 def number_at(document: Any, path: JsonPath) -> float | None:
     """Read a number, or a text that is one; None where nothing or null is."""
-    found = path.find(document)
-    if isinstance(found, str):
-        return read_text(found.encode("utf-8"))
-    if found is None:
+    value = path.find(document)
+    if isinstance(value, str):
+        return read_text(value.encode("utf-8"))
+    if value is None:
         return None
-    if not is_number(found):
-        raise Unusable(f"expected a number at {path.text}, got {_shown(found)}")
-    return float(found)
+    if not is_number(value):
+        raise Unusable(f"expected a number at {path.text}, got {_excerpt(value)}")
+    return float(value)
 
 
 def time_at(document: Any, path: JsonPath, form: TimeForm) -> datetime:
     """Read the sender's time, with its zone."""
-    found = path.find(document)
+    value = path.find(document)
     try:
-        if form is TimeForm.ISO_8601 and isinstance(found, str):
-            return read_time(found)
-        if form is not TimeForm.ISO_8601 and is_number(found):
-            return time_since_1970(found / (MS_PER_S if form is TimeForm.EPOCH_MS else 1.0))
+        if form is TimeForm.ISO_8601 and isinstance(value, str):
+            return read_time(value)
+        if form is not TimeForm.ISO_8601 and is_number(value):
+            return time_since_1970(value / (MS_PER_S if form is TimeForm.EPOCH_MS else 1.0))
     except ValueError:
         pass
     raise Unusable(
         f"expected a time as {_TIME_FORMS[form]} at {path.text}, from the year 1900 to 2999, got "
-        f"{_shown(found)}"
+        f"{_excerpt(value)}"
     )
 
 
@@ -149,12 +149,12 @@ _TIME_FORMS: Final = {
 }
 
 
-def is_number(found: object) -> TypeGuard[int | float]:
+def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value of JSON is a number: true and false are none."""
-    return isinstance(found, int | float) and not isinstance(found, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _shown(found: Any) -> str:
-    if isinstance(found, dict | list):
-        return f"{'an object' if isinstance(found, dict) else 'a list'} of {len(found)}"
-    return shown(orjson.dumps(found).decode(), SHOWN)
+def _excerpt(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
+    return shown(orjson.dumps(value).decode(), LONGEST_EXCERPT)

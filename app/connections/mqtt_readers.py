@@ -16,7 +16,7 @@ LONGEST_NAME: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class MessageValues:
     """What a message states.
 
     Parameters
@@ -35,7 +35,7 @@ class Stated:
     without: tuple[str, ...] = ()
 
 
-def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) -> Stated:
+def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) -> MessageValues:
     """Read a message.
 
     Parameters
@@ -57,21 +57,25 @@ def read_message(table: TopicTable, names: Mapping[str, str], payload: bytes) ->
     if sensor is None:
         return _read_document(table, machine, payload)
     if table.value is None:
-        return Stated(machine, {sensor: table.to_c(read_text(payload))})
+        return MessageValues(machine, {sensor: table.to_c(read_text(payload))})
     document = read_json(payload)
     value = number_at(document, table.value)
     if value is None and table.value.is_null(document):
-        return Stated(machine, {}, without=(sensor,))
+        return MessageValues(machine, {}, without=(sensor,))
     if value is None:
         raise Unusable(f"expected a number at {table.value.text}, got nothing there")
-    return Stated(machine, {sensor: table.to_c(value)}, time=_time(table, document))
+    return MessageValues(machine, {sensor: table.to_c(value)}, time=_time(table, document))
 
 
-def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
+def _read_document(table: TopicTable, machine: str, payload: bytes) -> MessageValues:
     """Read several sensors; those that a document leaves out are not told of, and that is all."""
     document = read_json(payload)
     temperatures_c, state, wrong = {}, {}, []
-    without = tuple(name for name, one in table.sensors.items() if one.path.is_null(document))
+    without = tuple(
+        name
+        for name, path_of_sensor in table.sensors.items()
+        if path_of_sensor.path.is_null(document)
+    )
     for name, place in table.sensors.items():
         try:
             value = number_at(document, place.path)
@@ -89,11 +93,11 @@ def _read_document(table: TopicTable, machine: str, payload: bytes) -> Stated:
         if value is not None:
             state[name] = value
     if not temperatures_c and not state and (wrong or not without):
-        paths = [one.path.text for one in table.sensors.values()]
-        paths += [one.text for one in table.state.values()]
+        paths = [sensor_path.path.text for sensor_path in table.sensors.values()]
+        paths += [state_path.text for state_path in table.state.values()]
         raise Unusable("; ".join(wrong) or f"expected a number at {list_names(paths)}, got none")
     time = _time(table, document)
-    return Stated(machine, temperatures_c, state, time, tuple(wrong), without)
+    return MessageValues(machine, temperatures_c, state, time, tuple(wrong), without)
 
 
 def _time(table: TopicTable, document: Any) -> datetime | None:

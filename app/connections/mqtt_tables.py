@@ -30,18 +30,18 @@ from app.connections.mqtt_topics import TopicPattern
 
 
 def _parsed(parse: Callable[[str], Any]) -> BeforeValidator:
-    def read(stated: object) -> Any:
-        if not isinstance(stated, str):
-            raise ValueError(f"expected a text, got {stated!r:.80}")
-        return parse(stated)
+    def read(raw: object) -> Any:
+        if not isinstance(raw, str):
+            raise ValueError(f"expected a text, got {raw!r:.80}")
+        return parse(raw)
 
     return BeforeValidator(read)
 
 
-def _time_form(stated: str) -> TimeForm:
-    if stated not in list(TimeForm):
-        raise ValueError(f"expected one of {', '.join(TimeForm)}, got {stated!r:.80}")
-    return TimeForm(stated)
+def _time_form(raw: str) -> TimeForm:
+    if raw not in list(TimeForm):
+        raise ValueError(f"expected one of {', '.join(TimeForm)}, got {raw!r:.80}")
+    return TimeForm(raw)
 
 
 Path_: TypeAlias = Annotated[JsonPath, _parsed(JsonPath.parse)]
@@ -150,10 +150,10 @@ class MqttTable(ConnectionTable):
 
     @field_validator("password", mode="before")
     @classmethod
-    def _as_secret(cls, stated: Any) -> SecretStr:
-        if not isinstance(stated, str):
+    def _as_secret(cls, raw: Any) -> SecretStr:
+        if not isinstance(raw, str):
             raise ValueError("expected a text, got another type")
-        return SecretStr(stated)
+        return SecretStr(raw)
 
     @field_validator("password_env")
     @classmethod
@@ -176,8 +176,8 @@ class MqttTable(ConnectionTable):
 
     @field_validator("ca", "cert", "key")
     @classmethod
-    def _beside_the_file(cls, stated: Path | None, info: ValidationInfo) -> Path | None:
-        return None if stated is None else (info.context or {}).get("folder", Path()) / stated
+    def _beside_the_file(cls, raw: Path | None, info: ValidationInfo) -> Path | None:
+        return None if raw is None else (info.context or {}).get("folder", Path()) / raw
 
     @model_validator(mode="after")
     def _can_encrypt(self) -> MqttTable:
@@ -211,19 +211,19 @@ class MqttTable(ConnectionTable):
         if not self.is_encrypted:
             return None
         try:
-            made = ssl.create_default_context(cafile=self.ca)
+            tls = ssl.create_default_context(cafile=self.ca)
         except (OSError, ssl.SSLError) as why:
             raise ValueError(f"expected certificates as `ca`, got {self.ca}: {_why(why)}") from None
         if self.cert is not None:
             try:
                 # A key behind a passphrase would be asked for at the terminal.
-                made.load_cert_chain(self.cert, self.key, password=lambda: b"")
+                tls.load_cert_chain(self.cert, self.key, password=lambda: b"")
             except (OSError, ssl.SSLError) as why:
                 raise ValueError(
                     f"expected a certificate and its key without a passphrase, got {self.cert} "
                     f"and {self.key or 'no key'}: {_why(why)}"
                 ) from None
-        return made
+        return tls
 
 
 def _why(error: OSError) -> str:

@@ -53,15 +53,15 @@ class TopicPattern:
                 raise ValueError(f"expected $share/GROUP/TOPIC, got {text!r:.80}")
         if not rest:
             raise ValueError(f"expected a topic, got {text!r:.80}")
-        found = cls(group, tuple(rest.split("/")))
-        found._check(text)
-        return found
+        parsed = cls(group, tuple(rest.split("/")))
+        parsed._check(text)
+        return parsed
 
     @property
     def filter(self) -> str:
         """What the broker is asked for."""
-        own = "/".join("+" if _NAMED.fullmatch(level) else level for level in self.levels)
-        return f"{_SHARED}{self.group}/{own}" if self.group else own
+        joined = "/".join("+" if _NAMED.fullmatch(level) else level for level in self.levels)
+        return f"{_SHARED}{self.group}/{joined}" if self.group else joined
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,22 +76,22 @@ class TopicPattern:
         >>> TopicPattern.parse("shop/+").match("shop/vmc/a") is None
         True
         """
-        found: dict[str, str] = {}
+        values: dict[str, str] = {}
         levels = topic.split("/")
         for i, wanted in enumerate(self.levels):
             # A wildcard in front never matches what the broker says of itself.
             if wanted in ("#", "+") and i == 0 and topic.startswith("$"):
                 return None
             if wanted == "#":
-                return found
+                return values
             if i >= len(levels):
                 return None
             named = _NAMED.fullmatch(wanted)
             if named:
-                found[named[1]] = levels[i]
+                values[named[1]] = levels[i]
             elif wanted not in ("+", levels[i]):
                 return None
-        return found if len(levels) == len(self.levels) else None
+        return values if len(levels) == len(self.levels) else None
 
     def _check(self, text: str) -> None:
         for i, level in enumerate(self.levels):

@@ -9,7 +9,7 @@ from contextlib import aclosing
 
 import httpx
 
-from app.connections.follower import Followed, Follower, Found
+from app.connections.follower import Followed, Follower, NewValue
 from app.connections.mtconnect_agent import Agent
 from app.connections.mtconnect_documents import (
     AgentRefused,
@@ -39,7 +39,7 @@ class AgentFollower(Follower):
         self,
         agent: Agent,
         followed: Mapping[str, Followed],
-        take: Callable[[Sequence[Found]], None],
+        take: Callable[[Sequence[NewValue]], None],
         every_s: float = 1.0,
         is_streamed: bool = False,
     ) -> None:
@@ -118,18 +118,24 @@ class AgentFollower(Follower):
         self._trouble.say("")
         by_id: dict[str, list[DataItem]] = {}
         by_name: dict[str, list[DataItem]] = {}
-        for one in items:
-            by_id.setdefault(one.item, []).append(one)
-            by_name.setdefault(one.name, []).append(one)
+        for data_item in items:
+            by_id.setdefault(data_item.item, []).append(data_item)
+            by_name.setdefault(data_item.name, []).append(data_item)
         for name, wanted in self._followed.items():
-            found = by_id.get(wanted.source) or by_name.get(wanted.source, [])
-            if len(found) != 1:
-                why = "no data item has that" if not found else f"{len(found)} data items have it"
+            items_named = by_id.get(wanted.source) or by_name.get(wanted.source, [])
+            if len(items_named) != 1:
+                why = (
+                    "no data item has that"
+                    if not items_named
+                    else f"{len(items_named)} data items have it"
+                )
                 self._trouble.say_of(
                     name, f"expected the id or name of one, got {wanted.source!r}: {why}"
                 )
-            elif wanted.temperature is None or self._choose_unit(name, found[0].units or None):
-                self._items[name] = found[0].item
+            elif wanted.temperature is None or self._choose_unit(
+                name, items_named[0].units or None
+            ):
+                self._items[name] = items_named[0].item
 
     def _hand_on(self, streams: Streams, observations: Sequence[Observation]) -> None:
         """Hand on what is followed; what cannot be read is missing, and counted."""
@@ -145,7 +151,7 @@ class AgentFollower(Follower):
         for name, item in self._items.items():
             names.setdefault(item, []).append(name)
         found = [
-            Found(name, self._value_of(name, observation))
+            NewValue(name, self._value_of(name, observation))
             for observation in observations
             for name in names.get(observation.item, ())
         ]

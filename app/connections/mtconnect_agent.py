@@ -141,15 +141,15 @@ class Agent:
 
     async def sample(self, since: int) -> Streams:
         """Ask what was observed from a sequence number on."""
-        asked = {"from": str(since), "count": str(self.most_at_once)}
-        return await _read(read_streams, await self._whole("sample", asked))
+        query = {"from": str(since), "count": str(self.most_at_once)}
+        return await _read(read_streams, await self._whole("sample", query))
 
     async def stream(self, since: int, interval_s: float) -> AsyncGenerator[Streams, None]:
         """Let the agent send what it observes from a sequence number on, and heartbeats.
 
         An agent that does not stream answers once.
         """
-        asked = {
+        query = {
             "from": str(since),
             "count": str(self.most_at_once),
             "interval": str(round(interval_s * 1000)),
@@ -157,7 +157,7 @@ class Agent:
         }
         limit = httpx.Timeout(ANSWER_S, read=3 * HEARTBEAT_S)
         async with self._http.stream(
-            "GET", f"{self._url}/sample", params=asked, headers=_HEADERS, timeout=limit
+            "GET", f"{self._url}/sample", params=query, headers=_HEADERS, timeout=limit
         ) as response:
             boundary = _boundary_of(response)
             if boundary is None:
@@ -169,11 +169,11 @@ class Agent:
                 async for document in documents:
                     yield await _read(read_streams, document)
 
-    async def _whole(self, question: str, asked: Mapping[str, str]) -> bytes:
+    async def _whole(self, question: str, query: Mapping[str, str]) -> bytes:
         async with (
             asyncio.timeout(ANSWER_S),
             self._http.stream(
-                "GET", f"{self._url}/{question}", params=asked, headers=_HEADERS
+                "GET", f"{self._url}/{question}", params=query, headers=_HEADERS
             ) as response,
         ):
             return await _content_of(response)

@@ -68,8 +68,10 @@ class AgentConnection(FollowingConnection):
         from app.connections.mtconnect_agent import Agent
 
         table = self._table
-        followed = {name: Followed(one.item, one) for name, one in table.sensors.items()}
-        followed |= {name: Followed(one.item, None) for name, one in table.state.items()}
+        followed = {name: Followed(sensor.item, sensor) for name, sensor in table.sensors.items()}
+        followed |= {
+            name: Followed(state_item.item, None) for name, state_item in table.state.items()
+        }
         async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
             agent = Agent(http, table.url)
             if self._follower is None:

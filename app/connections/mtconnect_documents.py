@@ -22,7 +22,7 @@ from app.foreign_text import shown
 UNAVAILABLE: Final = "UNAVAILABLE"
 """What an agent says of a data item that has no value."""
 
-SHOWN: Final = 80
+LONGEST_EXCERPT: Final = 80
 """Of a text that cannot be read [characters]."""
 
 CODES: Final = 5
@@ -40,8 +40,8 @@ class AgentRefused(ThermapError):
     """
 
     def __init__(self, codes: Sequence[str], words: str) -> None:
-        said = shown(f"{list_names(codes[:CODES]) if codes else 'an error'}: {words}")
-        super().__init__(f"the agent says {said}")
+        reason = shown(f"{list_names(codes[:CODES]) if codes else 'an error'}: {words}")
+        super().__init__(f"the agent says {reason}")
         self.codes = frozenset(codes)
 
     @property
@@ -125,15 +125,20 @@ def read_streams(content: bytes) -> Streams:
     """
     root = _root_of(content, "MTConnectStreams")
     header = _header_of(root)
-    found = [_observation(element) for element in root.iter() if "dataItemId" in element.attrib]
-    known = sorted((one for one in found if one is not None), key=lambda one: one.sequence)
+    all_observations = [
+        _observation(element) for element in root.iter() if "dataItemId" in element.attrib
+    ]
+    numbered = sorted(
+        (observation for observation in all_observations if observation is not None),
+        key=lambda item: item.sequence,
+    )
     return Streams(
         instance_id=_whole(header, "instanceId"),
         first_sequence=_whole(header, "firstSequence"),
         next_sequence=_whole(header, "nextSequence"),
-        observations=known,
+        observations=numbered,
         buffer_size=_whole(header, "bufferSize") if header.get("bufferSize") else None,
-        unnumbered=len(found) - len(known),
+        unnumbered=len(all_observations) - len(numbered),
     )
 
 
@@ -162,12 +167,14 @@ def _root_of(content: bytes, expected: str) -> Element:
             f"{type(why).__name__}"
         ) from None
     except (ParseError, ValueError, LookupError) as why:
-        shown = content[:SHOWN].decode("utf-8", "replace")
-        raise NotMtconnect(f"expected {expected} as XML, got {shown!r}: {why}") from None
+        excerpt = content[:LONGEST_EXCERPT].decode("utf-8", "replace")
+        raise NotMtconnect(f"expected {expected} as XML, got {excerpt!r}: {why}") from None
     if _local(root) == "MTConnectError":
         raise _refusal(root)
     if _local(root) != expected:
-        raise NotMtconnect(f"expected {expected}, got the element {_local(root)[:SHOWN]!r}")
+        raise NotMtconnect(
+            f"expected {expected}, got the element {_local(root)[:LONGEST_EXCERPT]!r}"
+        )
     return root
 
 
@@ -181,8 +188,8 @@ def _refusal(root: Element) -> AgentRefused:
 
 def _words_of(error: Element) -> str:
     """Take what is said to people: since 2.6 the request and its parameters stand beside it."""
-    said = [one for one in error if _local(one) == "ErrorMessage"]
-    return " ".join(text for one in said or [error] for text in one.itertext())
+    messages = [child for child in error if _local(child) == "ErrorMessage"]
+    return " ".join(text for element in messages or [error] for text in element.itertext())
 
 
 def _header_of(root: Element) -> Mapping[str, str]:
@@ -195,7 +202,9 @@ def _header_of(root: Element) -> Mapping[str, str]:
 def _whole(header: Mapping[str, str], name: str) -> int:
     text = header.get(name, "")
     if not (text.isascii() and text.isdigit() and len(text) <= 20):
-        raise NotMtconnect(f"expected a whole number as {name} in the Header, got {text[:SHOWN]!r}")
+        raise NotMtconnect(
+            f"expected a whole number as {name} in the Header, got {text[:LONGEST_EXCERPT]!r}"
+        )
     return int(text)
 
 
@@ -205,12 +214,12 @@ def _observation(element: Element) -> Observation | None:
     if not (sequence.isascii() and sequence.isdigit() and len(sequence) <= 20):
         return None
     text = (element.text or "").strip()
-    keys = [one.attrib.get("key", "") for one in element if _local(one) == "Entry"]
+    keys = [child.attrib.get("key", "") for child in element if _local(child) == "Entry"]
     return Observation(
         item=element.attrib["dataItemId"],
         name=element.attrib.get("name", ""),
         sequence=int(sequence),
-        text=text[:SHOWN],
+        text=text[:LONGEST_EXCERPT],
         value=read_number(text, decimal_comma=False),
         keys=list_names(keys, CODES) if keys else None,
     )

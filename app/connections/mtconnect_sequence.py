@@ -64,16 +64,19 @@ class Place:
             self._note_gap(streams.first_sequence - expected)
         self.next_sequence = streams.next_sequence
         # Those before were taken already; some agents repeat them.
-        return [one for one in streams.observations if one.sequence >= expected]
+        return [
+            observation for observation in streams.observations if observation.sequence >= expected
+        ]
 
     def _note_restart(self, streams: Streams) -> bool:
-        known, self.instance_id = self.instance_id, streams.instance_id
-        if known is None or known == streams.instance_id:
+        instance_before, self.instance_id = self.instance_id, streams.instance_id
+        if instance_before is None or instance_before == streams.instance_id:
             return False
         self.restarts += 1
         self._left_at = None
         self.say(
-            f"the agent restarted (instanceId {known} became {streams.instance_id}): what it "
+            f"the agent restarted (instanceId {instance_before} became {streams.instance_id}): "
+            "what it "
             "observed in between is not known"
         )
         return True

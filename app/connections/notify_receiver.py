@@ -48,10 +48,10 @@ class NotifyTable(Table):
 
     @field_validator("url", mode="before")
     @classmethod
-    def _as_secret(cls, stated: Any) -> SecretStr:
-        if not isinstance(stated, str):
+    def _as_secret(cls, raw: Any) -> SecretStr:
+        if not isinstance(raw, str):
             raise ValueError("expected a text, got another type")
-        return SecretStr(stated)
+        return SecretStr(raw)
 
     @field_validator("url_env")
     @classmethod
@@ -62,10 +62,10 @@ class NotifyTable(Table):
 
     @field_validator("verdicts", mode="before")
     @classmethod
-    def _are_alarming(cls, stated: Any) -> Any:
-        if not isinstance(stated, list) or not stated or any(v not in ALARMING for v in stated):
-            raise ValueError(f"expected some of {list_names(ALARMING)}, got {stated!r:.80}")
-        return tuple(map(Verdict, stated))
+    def _are_alarming(cls, raw: Any) -> Any:
+        if not isinstance(raw, list) or not raw or any(v not in ALARMING for v in raw):
+            raise ValueError(f"expected some of {list_names(ALARMING)}, got {raw!r:.80}")
+        return tuple(map(Verdict, raw))
 
     @field_validator("zone")
     @classmethod
@@ -106,18 +106,18 @@ class NotifyReceiver:
         Address of the service where the file states none; empty without any.
     """
 
-    def __init__(self, stated: NotifyTable, link: str) -> None:
-        zone = None if stated.zone is None else ZoneInfo(stated.zone)
-        self.name = stated.name
+    def __init__(self, table: NotifyTable, link: str) -> None:
+        zone = None if table.zone is None else ZoneInfo(table.zone)
+        self.name = table.name
         self.rules = Rules(
-            stated.machines,
-            frozenset(stated.verdicts),
-            timedelta(seconds=stated.after_s),
-            timedelta(hours=stated.repeat_h),
+            table.machines,
+            frozenset(table.verdicts),
+            timedelta(seconds=table.after_s),
+            timedelta(hours=table.repeat_h),
             zone,
-            (link if stated.link is None else stated.link).rstrip("/"),
+            (link if table.link is None else table.link).rstrip("/"),
         )
-        self._address = stated.address
+        self._address = table.address
 
     @cached_property
     def _service(self) -> NotifyBase:
@@ -144,8 +144,8 @@ class NotifyReceiver:
         return "" if result else self._why(result)
 
     def _why(self, result: AppriseResult) -> str:
-        said = list(dict.fromkeys(entry.message.strip() for entry in result.logs()))
-        words = "; ".join(said) or f"no answer within {LONGEST_SEND_S:g} s"
+        reasons = list(dict.fromkeys(entry.message.strip() for entry in result.logs()))
+        words = "; ".join(reasons) or f"no answer within {LONGEST_SEND_S:g} s"
         for secret in _secrets(self._address):
             words = words.replace(secret, HIDDEN)
         return shown(words)
@@ -169,14 +169,14 @@ def _service(address: str) -> NotifyBase:
         image_url_mask="",
         storage_mode=PersistentStoreMode.MEMORY,
     )
-    made = Apprise.instantiate(address, asset=asset)
-    if made is None:
+    notify = Apprise.instantiate(address, asset=asset)
+    if notify is None:
         raise ValueError(
             "expected a URL of Apprise, such as mailtos://USER:PASSWORD@HOST?to=ADDRESS or "
             f"jsons://HOST/PATH, got one of {len(address)} characters"
             + (f" that begins with {scheme[:20]}://" if "://" in address else "")
         )
-    return made
+    return notify
 
 
 def _secrets(address: str) -> list[str]:

@@ -179,7 +179,7 @@ class _AnswerLimits(TransportLimits):
 
     def update_client_limits(self, msg: ua.Acknowledge) -> None:
         """Send no larger chunks than the server takes."""
-        taken = [one for one in (msg.ReceiveBufferSize, msg.SendBufferSize) if one]
+        taken = [size for size in (msg.ReceiveBufferSize, msg.SendBufferSize) if size]
         self.max_send_buffer = max(SMALLEST_BUFFER, min([self.max_send_buffer, *taken]))
 
 
@@ -206,7 +206,7 @@ class BoundedAnswers(UASocketProtocol):
 def bound_client(client: UaClient) -> None:
     """Let a client take in no more than is read."""
 
-    def made() -> UASocketProtocol:
+    def make_socket() -> UASocketProtocol:
         limits = _AnswerLimits(65_535, 65_535, MOST_PARTS, LARGEST_ANSWER)
         protocol = BoundedAnswers(client._timeout, client.security_policy, limits)
         protocol.pre_request_hook = client._pre_request_hook
@@ -215,7 +215,7 @@ def bound_client(client: UaClient) -> None:
         client.protocol = protocol
         return protocol
 
-    client._make_protocol = made  # type: ignore[method-assign]
+    client._make_protocol = make_socket  # type: ignore[method-assign]
 
 
 def _expect_forwards(read: Callable[[Buffer, int], bytes]) -> Callable[[Buffer, int], bytes]:
@@ -234,7 +234,7 @@ def _expect_elements(
     """Let arrays have no more elements than bytes are left: of what takes none, any number came."""
 
     @functools.cache
-    def made(kind: Any) -> Callable[[Buffer], Any]:
+    def decoder(kind: Any) -> Callable[[Buffer], Any]:
         read = make(kind)
 
         def checked(data: Buffer) -> Any:
@@ -245,7 +245,7 @@ def _expect_elements(
 
         return checked
 
-    return made
+    return decoder
 
 
 # These are where every message is read, of clients and of servers.

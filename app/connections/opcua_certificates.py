@@ -134,10 +134,10 @@ def key_pem(path: Path) -> bytes:
 
 def expect_pair(certificate: Path, private_key: Path) -> None:
     """Refuse a certificate that is not of this key, or names no application; ValueError."""
-    found, key = read_certificate(certificate), read_key(private_key)
-    if found.content.public_key() != key.public_key():
+    pair_certificate, key = read_certificate(certificate), read_key(private_key)
+    if pair_certificate.content.public_key() != key.public_key():
         raise ValueError(f"{certificate}: expected the certificate of the key {private_key}")
-    if found.application_uri is None:
+    if pair_certificate.application_uri is None:
         raise ValueError(
             f"{certificate}: expected a certificate with the application's URI as an alternative "
             "name of its subject, got none: servers and clients refuse it"
@@ -173,19 +173,19 @@ def write_pair(certificate: Path, private_key: Path, uri: str, hosts: list[str])
     names: list[x509.GeneralName] = [x509.UniformResourceIdentifier(uri)]
     names += [_host_name(host) for host in hosts]
     usages = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
-    made = Certificate(
+    signed = Certificate(
         generate_self_signed_app_certificate(
             key, "thermap", {"organizationName": "thermap"}, names, usages, MADE_FOR_DAYS
         )
     )
     for path, content, mode in (
         (private_key, dump_private_key_as_pem(key), 0o600),
-        (certificate, made.der, 0o644),
+        (certificate, signed.der, 0o644),
     ):
         path.parent.mkdir(parents=True, exist_ok=True)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
             file.write(content)
-    return made
+    return signed
 
 
 def _host_name(host: str) -> x509.GeneralName:
@@ -202,7 +202,7 @@ def now() -> datetime:
 
 def ends_soon(certificate: Certificate) -> str:
     """Warn of one that ends within a month; empty otherwise."""
-    left = certificate.content.not_valid_after_utc - now()
-    if timedelta(0) < left < SOON:
-        return f"the certificate {certificate.words} ends in {counted(left.days, 'day')}"
+    remaining = certificate.content.not_valid_after_utc - now()
+    if timedelta(0) < remaining < SOON:
+        return f"the certificate {certificate.words} ends in {counted(remaining.days, 'day')}"
     return ""

@@ -16,7 +16,7 @@ from typing import Final
 
 from asyncua import Client, ua
 
-from app.connections.follower import Followed, Follower, Found
+from app.connections.follower import Followed, Follower, NewValue
 from app.connections.opcua_observations import (
     Observed,
     node_of,
@@ -83,7 +83,7 @@ class ServerFollower(Follower):
         self,
         access: Access,
         followed: Mapping[str, Followed],
-        take: Callable[[Sequence[Found]], None],
+        take: Callable[[Sequence[NewValue]], None],
         now: Callable[[], datetime],
         *,
         publishing_s: float,
@@ -148,23 +148,23 @@ class ServerFollower(Follower):
             else:
                 self._nodes[name] = node
         names = [name for name in self._nodes if self._followed[name].temperature is not None]
-        stated = await find_units(client, [self._nodes[name] for name in names])
-        for name, units in zip(names, stated, strict=True):
+        units_found = await find_units(client, [self._nodes[name] for name in names])
+        for name, units in zip(names, units_found, strict=True):
             if not self._choose_unit(name, stated_unit(units)):
                 del self._nodes[name]
 
     async def _subscribe(self, client: Client) -> None:
         session = client.uaclient.session
-        asked = ua.CreateSubscriptionParameters()
-        asked.RequestedPublishingInterval = 1000.0 * self._publishing_s
-        asked.RequestedMaxKeepAliveCount = max(1, round(KEEP_ALIVE_S / self._publishing_s))
-        asked.RequestedLifetimeCount = max(
-            3 * asked.RequestedMaxKeepAliveCount, round(LIFETIME_S / self._publishing_s)
+        parameters = ua.CreateSubscriptionParameters()
+        parameters.RequestedPublishingInterval = 1000.0 * self._publishing_s
+        parameters.RequestedMaxKeepAliveCount = max(1, round(KEEP_ALIVE_S / self._publishing_s))
+        parameters.RequestedLifetimeCount = max(
+            3 * parameters.RequestedMaxKeepAliveCount, round(LIFETIME_S / self._publishing_s)
         )
         self._heard_at = _clock()
-        made = await session.create_subscription(asked, self._published)
-        interval_s = made.RevisedPublishingInterval / 1000.0
-        self._silence_s = 2.0 * interval_s * made.RevisedMaxKeepAliveCount + ANSWER_S
+        subscription = await session.create_subscription(parameters, self._published)
+        interval_s = subscription.RevisedPublishingInterval / 1000.0
+        self._silence_s = 2.0 * interval_s * subscription.RevisedMaxKeepAliveCount + ANSWER_S
         self._patience_s = max(self._publishing_s, interval_s) + 1.0
         names = list(self._nodes)
         self._names = dict(enumerate(names, 1))
@@ -173,7 +173,7 @@ class ServerFollower(Follower):
             items = [self._item(begin + i, name) for i, name in enumerate(some, 1)]
             results = await session.create_monitored_items(
                 ua.CreateMonitoredItemsParameters(
-                    SubscriptionId=made.SubscriptionId,
+                    SubscriptionId=subscription.SubscriptionId,
                     TimestampsToReturn=ua.TimestampsToReturn.Both,
                     ItemsToCreate=items,
                 )
@@ -212,16 +212,16 @@ class ServerFollower(Follower):
         """Take what the server publishes; without anything in it, it says that it lives."""
         try:
             self._heard_at = _clock()
-            for said in result.NotificationMessage.NotificationData or ():
-                if isinstance(said, ua.DataChangeNotification):
-                    self._take_changes(said.MonitoredItems)
-                elif isinstance(said, ua.StatusChangeNotification):
-                    self._end(f"the server ended it: {status_words(said.Status)}")
+            for notification in result.NotificationMessage.NotificationData or ():
+                if isinstance(notification, ua.DataChangeNotification):
+                    self._take_changes(notification.MonitoredItems)
+                elif isinstance(notification, ua.StatusChangeNotification):
+                    self._end(f"the server ended it: {status_words(notification.Status)}")
         except Exception:  # the library would only log it, where nobody looks
             log.exception("OPC UA: could not take what %s published", self._access.endpoint)
 
     def _take_changes(self, items: Sequence[ua.MonitoredItemNotification]) -> None:
-        found: list[Found] = []
+        new_values: list[NewValue] = []
         for item in items:
             name = self._names.get(item.ClientHandle)
             if name is None:
@@ -232,17 +232,17 @@ class ServerFollower(Follower):
             self._told[name] = observed
             self._times_told[name] = self._times_told.get(name, 0) + 1
             time = source_time(item.Value) if is_change else None
-            found.append(self._found(name, observed, time))
-        self._hand_on(found)
+            new_values.append(self._found(name, observed, time))
+        self._hand_on(new_values)
 
-    def _found(self, name: str, observed: Observed, time: datetime | None) -> Found:
+    def _found(self, name: str, observed: Observed, time: datetime | None) -> NewValue:
         if observed.value is None:
             self._trouble.say_of(name, observed.words)
-            return Found(name, None)
+            return NewValue(name, None)
         value = self._converted(name, observed.value)
         if time is not None and not self._is_usable(name, time):
             time = None
-        return Found(name, value, time)
+        return NewValue(name, value, time)
 
     def _is_usable(self, name: str, time: datetime) -> bool:
         """Whether a source's time may be the reading's; an old one may: it claims less."""
@@ -254,24 +254,24 @@ class ServerFollower(Follower):
             return False
         return True
 
-    def _hand_on(self, found: Sequence[Found]) -> None:
+    def _hand_on(self, new_values: Sequence[NewValue]) -> None:
         """Hand on what belongs together as of one time, the latest: nothing came before it was."""
-        if not found:
+        if not new_values:
             return
         at = _clock()
-        for one in found:
-            self._handed_on_at[one.name] = at
-        times = [one.time for one in found if one.time is not None]
+        for new_value in new_values:
+            self._handed_on_at[new_value.name] = at
+        times = [one.time for one in new_values if one.time is not None]
         if times:
             latest = max(times)
             together = latest - timedelta(seconds=self._publishing_s)
-            found = [
-                Found(one.name, one.value, latest)
+            new_values = [
+                NewValue(one.name, one.value, latest)
                 if one.time is not None and one.time >= together
                 else one
-                for one in found
+                for one in new_values
             ]
-        self._take(found)
+        self._take(new_values)
 
     async def _watch(self, client: Client) -> None:
         """Compare what is with what was told, until they differ for too long."""
@@ -287,16 +287,16 @@ class ServerFollower(Follower):
     async def _look(self, client: Client) -> None:
         names = list(self._nodes)
         nodes = [_STATE, _TIME, *(self._nodes[name] for name in names)]
-        state, time, *said = await read_nodes(client, nodes)
+        state, time, *data_values = await read_nodes(client, nodes)
         self._judge_server(state, time)
         silent_s = _clock() - self._heard_at
         if silent_s > self._silence_s:
             raise SubscriptionDied(f"nothing was published for {silent_s:.0f} s")
         confirmed = []
-        for name, one in zip(names, said, strict=True):
+        for name, data_value in zip(names, data_values, strict=True):
             if name in self._refused:
-                self._look_at_refused(name, one)
-            elif self._holds(name, observe(one)):
+                self._look_at_refused(name, data_value)
+            elif self._holds(name, observe(data_value)):
                 confirmed.append(name)
         self._repeat(confirmed)
 
@@ -306,9 +306,9 @@ class ServerFollower(Follower):
         code = state.Value.Value if state.Value is not None else None
         if isinstance(code, int) and code != ua.ServerState.Running:
             words = f"expected a running server, got the state {_state_name(code)}"
-        told = time.Value.Value if time.Value is not None else None
-        if isinstance(told, datetime):
-            ahead_s = (_aware(told) - self._now()).total_seconds()
+        server_time = time.Value.Value if time.Value is not None else None
+        if isinstance(server_time, datetime):
+            ahead_s = (_aware(server_time) - self._now()).total_seconds()
             self._is_clock_right = abs(ahead_s) <= CLOCK_TOLERANCE_S + ANSWER_S / 2.0
             if not self._is_clock_right:
                 where = "ahead of" if ahead_s > 0 else "behind"
@@ -316,15 +316,15 @@ class ServerFollower(Follower):
                     f"the server's clock is {abs(ahead_s):.0f} s {where} the service's: its times "
                     "are not used"
                 )
-            if told != self._server_time:
-                self._server_time, self._moved_at = told, _clock()
+            if server_time != self._server_time:
+                self._server_time, self._moved_at = server_time, _clock()
             elif _clock() - self._moved_at > STILL_S:
                 raise SubscriptionDied("the server's time stands still")
         self._trouble.say(words)
 
-    def _look_at_refused(self, name: str, said: ua.DataValue) -> None:
+    def _look_at_refused(self, name: str, value: ua.DataValue) -> None:
         """Follow a node anew that is there by now; what else was refused stays so."""
-        status = said.StatusCode
+        status = value.StatusCode
         was_unknown = self._refused[name] in _NO_NODE
         if was_unknown and (status is None or status.value not in _NO_NODE):
             raise SubscriptionDied(f"the server has the node of {name} now")
@@ -340,7 +340,8 @@ class ServerFollower(Follower):
             self._doubted[name] = (times, at)
         elif at - doubted[1] > self._patience_s:
             raise SubscriptionDied(
-                f"{name} is {_shown(observed)} when it is read, and {_shown(self._told.get(name))} "
+                f"{name} is {_in_words(observed)} when it is read, and "
+                f"{_in_words(self._told.get(name))} "
                 f"was told {at - doubted[1]:.0f} s before"
             )
         return False
@@ -388,7 +389,7 @@ def _state_name(code: int) -> str:
     return ua.ServerState(code).name if code in list(ua.ServerState) else str(code)
 
 
-def _shown(observed: Observed | None) -> str:
+def _in_words(observed: Observed | None) -> str:
     if observed is None:
         return "nothing"
     return "without a value" if observed.value is None else f"{observed.value:g}"

@@ -92,8 +92,10 @@ class ServerConnection(FollowingConnection):
         from app.connections.opcua_client import ServerFollower
 
         table = self._table
-        followed = {name: Followed(one.node, one) for name, one in table.sensors.items()}
-        followed |= {name: Followed(one.node, None) for name, one in table.state.items()}
+        followed = {name: Followed(sensor.node, sensor) for name, sensor in table.sensors.items()}
+        followed |= {
+            name: Followed(state_node.node, None) for name, state_node in table.state.items()
+        }
         if self._follower is None:
             self._follower = ServerFollower(
                 table.access,

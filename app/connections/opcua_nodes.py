@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 from asyncua import Server, ua
 from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
-from app.connections.opcua_values import Said
+from app.connections.opcua_values import NodeValue
 
 _Attributes: TypeAlias = dict[ua.AttributeIds, AttributeValue]
 
@@ -51,15 +51,15 @@ class Nodes:
 
     async def begin(self, folder: str) -> None:
         """Make the folder, below `Objects`."""
-        made = await self._server.nodes.objects.add_folder(self._id(folder), self._name(folder))
-        self._folder = made.nodeid
+        created = await self._server.nodes.objects.add_folder(self._id(folder), self._name(folder))
+        self._folder = created.nodeid
 
     async def add(
         self,
         path: str,
         name: str,
         above: ua.NodeId | None = None,
-        said: Said | None = None,
+        value: NodeValue | None = None,
         *,
         now: datetime,
     ) -> ua.NodeId:
@@ -78,67 +78,72 @@ class Nodes:
         node = self._id(path)
         if node in self._space:
             raise ua.UaError(f"expected an id that no node has, got {path!r}")
-        pattern = await self._pattern(name, said)
+        pattern = await self._pattern(name, value)
         link = _HAS_COMPONENT if above is not None else _ORGANIZES
         above = above or self._folder
-        made = NodeData(node)
-        made.attributes = pattern.attributes | {ua.AttributeIds.NodeId: _OWN_ID}
-        if said is not None:
-            made.attributes[ua.AttributeIds.Value] = AttributeValue(said.at(now))
-        made.references = [pattern.is_a, self._upward(above, link)]
-        self._space[node] = made
+        data = NodeData(node)
+        data.attributes = pattern.attributes | {ua.AttributeIds.NodeId: _OWN_ID}
+        if value is not None:
+            data.attributes[ua.AttributeIds.Value] = AttributeValue(value.at(now))
+        data.references = [pattern.is_a, self._upward(above, link)]
+        self._space[node] = data
         downward: Any = replace(pattern.below, NodeId=node, ReferenceTypeId=link)
         self._space[above].references.append(downward)
         return node
 
     def remove(self, top: ua.NodeId, others: Iterable[ua.NodeId]) -> None:
         """Take away a node of the folder and all below it."""
-        asked = ua.DeleteNodesParameters()
-        asked.NodesToDelete = [
-            ua.DeleteNodesItem(NodeId=one, DeleteTargetReferences=False) for one in (*others, top)
+        parameters = ua.DeleteNodesParameters()
+        parameters.NodesToDelete = [
+            ua.DeleteNodesItem(NodeId=node_id, DeleteTargetReferences=False)
+            for node_id in (*others, top)
         ]
-        self._server.iserver.node_mgt_service.delete_nodes(asked)
-        for one in asked.NodesToDelete:
-            self._upwards.pop(one.NodeId, None)
+        self._server.iserver.node_mgt_service.delete_nodes(parameters)
+        for item in parameters.NodesToDelete:
+            self._upwards.pop(item.NodeId, None)
         folder = self._space[self._folder]
-        folder.references = [one for one in folder.references if one.NodeId != top]
+        folder.references = [
+            reference for reference in folder.references if reference.NodeId != top
+        ]
 
-    async def _pattern(self, name: str, said: Said | None) -> _Pattern:
+    async def _pattern(self, name: str, value: NodeValue | None) -> _Pattern:
         """Let asyncua make a node of this name and type, and take it away again."""
-        key = (name, None, False) if said is None else (name, said.kind, said.is_array)
-        known = self._patterns.get(key)
-        if known is not None:
-            return known
+        key = (name, None, False) if value is None else (name, value.kind, value.is_array)
+        cached = self._patterns.get(key)
+        if cached is not None:
+            return cached
         objects = self._server.nodes.objects
-        node, shown = ua.NodeId(ua.String("thermap/pattern"), ua.Int16(1)), self._name(name)
-        if said is None:
-            await objects.add_object(node, shown)
+        node, display_name = ua.NodeId(ua.String("thermap/pattern"), ua.Int16(1)), self._name(name)
+        if value is None:
+            await objects.add_object(node, display_name)
         else:
             # The data type is taken from a value.
-            await objects.add_variable(node, shown, _example(said), said.kind)
-        found, above = self._space[node], self._space[objects.nodeid]
-        below = next(one for one in above.references if one.NodeId == node)
+            await objects.add_variable(node, display_name, _example(value), value.kind)
+        data, above = self._space[node], self._space[objects.nodeid]
+        below = next(reference for reference in above.references if reference.NodeId == node)
         above.references.remove(below)
         del self._space[node]
-        is_a = next(one for one in found.references if one.IsForward)
-        made = self._patterns[key] = _Pattern(found.attributes, is_a, below)
-        return made
+        is_a = next(reference for reference in data.references if reference.IsForward)
+        pattern = self._patterns[key] = _Pattern(data.attributes, is_a, below)
+        return pattern
 
     def _upward(self, above: ua.NodeId, link: ua.NodeId) -> ua.ReferenceDescription:
         """Give how nodes refer to what they belong to; all below one share it."""
-        known = self._upwards.get(above)
-        if known is None:
+        cached = self._upwards.get(above)
+        if cached is None:
             there = self._space[above]
-            known = self._upwards[above] = ua.ReferenceDescription(
+            cached = self._upwards[above] = ua.ReferenceDescription(
                 ReferenceTypeId=link,
                 IsForward=False,
                 NodeId=above,
                 BrowseName=_said_of(there, ua.AttributeIds.BrowseName),
                 DisplayName=_said_of(there, ua.AttributeIds.DisplayName),
                 NodeClass=ua.NodeClass.Object,
-                TypeDefinition=next(one.NodeId for one in there.references if _is_type(one)),
+                TypeDefinition=next(
+                    reference.NodeId for reference in there.references if _is_type(reference)
+                ),
             )
-        return known
+        return cached
 
     def _id(self, path: str) -> ua.NodeId:
         return ua.NodeId(ua.String(path), ua.Int16(self._index))
@@ -162,17 +167,17 @@ def _is_type(reference: ua.ReferenceDescription) -> bool:
 
 
 def _said_of(node: NodeData, attribute: ua.AttributeIds) -> Any:
-    found = node.attributes[attribute].value
-    return None if found is None or found.Value is None else found.Value.Value
+    data_value = node.attributes[attribute].value
+    return None if data_value is None or data_value.Value is None else data_value.Value.Value
 
 
-def _example(said: Said) -> Any:
+def _example(value: NodeValue) -> Any:
     """Give a value of a type, from which a node takes its own."""
-    one = {
+    example = {
         ua.VariantType.String: "",
         ua.VariantType.Boolean: False,
         ua.VariantType.DateTime: datetime(2000, 1, 1),
         ua.VariantType.UInt32: 0,
         ua.VariantType.Double: 0.0,
-    }[said.kind]
-    return [one] if said.is_array else one
+    }[value.kind]
+    return [example] if value.is_array else example

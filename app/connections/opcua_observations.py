@@ -41,12 +41,12 @@ class Observed:
     words: str = ""
 
 
-def observe(said: ua.DataValue) -> Observed:
+def observe(data_value: ua.DataValue) -> Observed:
     """Read what a server says of a node; no value unless its status is Good."""
-    status = said.StatusCode
+    status = data_value.StatusCode
     if status is not None and not status.is_good():
         return Observed(None, f"expected a good value, got {status_words(status)} from the server")
-    variant = said.Value
+    variant = data_value.Value
     if variant is None or variant.Value is None:
         return Observed(None, "expected a number, got nothing")
     value = variant.Value
@@ -63,44 +63,44 @@ def observe(said: ua.DataValue) -> Observed:
 
 def status_words(status: ua.StatusCode) -> str:
     """Name a status; its number where it has no name."""
-    known = status.name not in ("Good", "Uncertain", "Bad") or status.value == 0
-    return status.name if known else f"{status.name} (0x{status.value:08X})"
+    has_name = status.name not in ("Good", "Uncertain", "Bad") or status.value == 0
+    return status.name if has_name else f"{status.name} (0x{status.value:08X})"
 
 
-def source_time(said: ua.DataValue) -> datetime | None:
+def source_time(data_value: ua.DataValue) -> datetime | None:
     """Read when the source measured it, None where the server does not say."""
-    stated: datetime | None = said.SourceTimestamp
-    if stated is None:
+    timestamp: datetime | None = data_value.SourceTimestamp
+    if timestamp is None:
         return None
-    time = stated if stated.tzinfo is not None else stated.replace(tzinfo=UTC)
+    time = timestamp if timestamp.tzinfo is not None else timestamp.replace(tzinfo=UTC)
     return time if _NO_TIME_BEFORE < time < LATEST_TIME else None
 
 
-def node_of(stated: str, namespaces: Sequence[str]) -> ua.NodeId | str:
+def node_of(text: str, namespaces: Sequence[str]) -> ua.NodeId | str:
     """Find a node's id, or say why there is none.
 
     Parameters
     ----------
-    stated
+    text
         `ns=2;s=…`, or `nsu=URI;s=…`, which holds whatever number the URI has in this server.
     namespaces
         The server's URIs, in the order of their numbers.
     """
-    if stated.startswith("nsu="):
-        uri, _, identifier = stated.removeprefix("nsu=").partition(";")
+    if text.startswith("nsu="):
+        uri, _, identifier = text.removeprefix("nsu=").partition(";")
         if uri not in namespaces:
             return f"expected a namespace of the server, got {uri!r}; {existing_names(namespaces)}"
-        stated = f"ns={namespaces.index(uri)};{identifier}"
+        text = f"ns={namespaces.index(uri)};{identifier}"
     try:
-        return ua.NodeId.from_string(stated)
+        return ua.NodeId.from_string(text)
     except (ua.UaError, ValueError) as why:
-        return f"expected a node id as ns=2;s=NAME, got {stated!r}: {why}"
+        return f"expected a node id as ns=2;s=NAME, got {text!r}: {why}"
 
 
 def stated_unit(units: object) -> TemperatureUnit | str | None:
     """Read a node's EngineeringUnits: a unit of temperature, or what else it is; None: unsaid."""
     if not isinstance(units, ua.EUInformation):
         return None
-    shown = (units.DisplayName.Text or "").strip()
-    known = _UNITS.get(units.UnitId) or _SIGNS.get(shown)
-    return known or shown or None
+    display_name = (units.DisplayName.Text or "").strip()
+    unit = _UNITS.get(units.UnitId) or _SIGNS.get(display_name)
+    return unit or display_name or None

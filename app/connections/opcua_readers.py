@@ -35,12 +35,12 @@ class Readers:
 
     Parameters
     ----------
-    stated
+    table
         Without it everybody may, without security.
     """
 
-    def __init__(self, stated: OpcuaServerTable | None) -> None:
-        self._stated = stated
+    def __init__(self, table: OpcuaServerTable | None) -> None:
+        self._stated = table
         self._log = SparingLog()
 
     def get_user(
@@ -69,23 +69,29 @@ class Readers:
         # Whoever says `admin` is one to asyncua; not here.
         return User(role=UserRole.User)
 
-    def _expect_trusted(self, stated: OpcuaServerTable, sent: bytes | None) -> None:
+    def _expect_trusted(self, table: OpcuaServerTable, sent: bytes | None) -> None:
         if not sent:
-            if not stated.without_security:
+            if not table.without_security:
                 self._refuse("security", "without security", "BadSecurityModeInsufficient")
             return
-        found = sent_certificate(sent)
-        if all(one.der != found.der for one in certificates_in(stated.trusted_clients)):
-            words = f"with the certificate {found.words}, which is not in {stated.trusted_clients}"
+        certificate = sent_certificate(sent)
+        if all(
+            trusted.der != certificate.der for trusted in certificates_in(table.trusted_clients)
+        ):
+            words = (
+                f"with the certificate {certificate.words}, which is not in {table.trusted_clients}"
+            )
             self._refuse("certificate", words, "BadCertificateUntrusted")
-        if trouble := found.trouble(now()):
-            self._refuse("time", f"with {found.words}: {trouble}", "BadCertificateTimeInvalid")
+        if trouble := certificate.trouble(now()):
+            self._refuse(
+                "time", f"with {certificate.words}: {trouble}", "BadCertificateTimeInvalid"
+            )
 
     def _expect_known(
-        self, stated: OpcuaServerTable, username: str | None, password: str | None
+        self, table: OpcuaServerTable, username: str | None, password: str | None
     ) -> None:
-        known: Mapping[str, str] = {user.name: user.password for user in stated.users}
-        expected, got = known.get(username or ""), (password or "").encode()
+        passwords: Mapping[str, str] = {user.name: user.password for user in table.users}
+        expected, got = passwords.get(username or ""), (password or "").encode()
         # Compared also where nobody has the name: how long it takes says nothing.
         is_right = hmac.compare_digest((expected or "").encode(), got)
         if expected is None or not is_right:
@@ -103,7 +109,7 @@ class OwnServer(InternalServer):
     def lookup_external_session(self, _token: ua.NodeId) -> None:
         """Hand no session over: who names one may have guessed it."""
 
-    def register_server(self, *_asked: Any, **_named: Any) -> None:
+    def register_server(self, *_ignored: Any, **_named: Any) -> None:
         """Refuse: it is no discovery server, and anybody may ask."""
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
@@ -114,13 +120,13 @@ class OwnServer(InternalServer):
         return super().decrypt_user_token(isession, token)
 
 
-def policies_of(stated: OpcuaServerTable | None) -> list[ua.SecurityPolicyType]:
+def policies_of(table: OpcuaServerTable | None) -> list[ua.SecurityPolicyType]:
     """List what is offered."""
-    if stated is None:
+    if table is None:
         return [ua.SecurityPolicyType.NoSecurity]
-    found = [
+    policies = [
         ua.SecurityPolicyType[f"{policy}_{mode}"]
-        for policy in stated.policies
-        for mode in stated.modes
+        for policy in table.policies
+        for mode in table.modes
     ]
-    return found + [ua.SecurityPolicyType.NoSecurity] * stated.without_security
+    return policies + [ua.SecurityPolicyType.NoSecurity] * table.without_security

@@ -15,13 +15,13 @@ SecurityMode: TypeAlias = Literal["Sign", "SignAndEncrypt"]
 SecurityPolicy: TypeAlias = Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
 
 
-def _at(stated: Path, info: ValidationInfo) -> Path:
-    path: Path = (info.context or {}).get("folder", Path()) / stated
+def _at(path_in_file: Path, info: ValidationInfo) -> Path:
+    path: Path = (info.context or {}).get("folder", Path()) / path_in_file
     return path
 
 
-def _file_at(stated: Path, info: ValidationInfo) -> Path:
-    path = _at(stated, info)
+def _file_at(path_in_file: Path, info: ValidationInfo) -> Path:
+    path = _at(path_in_file, info)
     try:
         path.open("rb").close()
     except OSError as why:
@@ -56,10 +56,10 @@ class UserTable(Table):
 
     @field_validator("password_env")
     @classmethod
-    def _is_set(cls, stated: str) -> str:
-        if stated not in os.environ:
-            raise ValueError(f"expected a variable of the environment, got {stated!r}: it is unset")
-        return stated
+    def _is_set(cls, name: str) -> str:
+        if name not in os.environ:
+            raise ValueError(f"expected a variable of the environment, got {name!r}: it is unset")
+        return name
 
     @property
     def password(self) -> str:
@@ -89,8 +89,8 @@ class OpcuaServerTable(Table):
 
     @field_validator("trusted_clients")
     @classmethod
-    def _is_folder(cls, stated: Path, info: ValidationInfo) -> Path:
-        path = _at(stated, info)
+    def _is_folder(cls, path_in_file: Path, info: ValidationInfo) -> Path:
+        path = _at(path_in_file, info)
         if not path.is_dir():
             raise ValueError(f"expected a folder of certificates, got {str(path)!r}")
         return path

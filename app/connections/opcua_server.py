@@ -23,7 +23,7 @@ from app.connections.opcua_readers import OwnServer, Readers, policies_of
 from app.connections.opcua_security import OpcuaServerTable
 from app.connections.opcua_values import (
     NO_VALUE,
-    Said,
+    NodeValue,
     Snapshot,
     computed_at,
     reading_age,
@@ -67,14 +67,14 @@ class _Machine:
     layout: tuple[Any, ...]
     objects: dict[str, ua.NodeId] = field(default_factory=dict)
     nodes: dict[str, ua.NodeId] = field(default_factory=dict)
-    said: dict[str, Said] = field(default_factory=dict)
+    said: dict[str, NodeValue] = field(default_factory=dict)
     seen: tuple[Any, ...] | None = None
     judged_at_s: float = 0.0
 
-    def nothing(self, path: str, code: int = NO_VALUE) -> Said:
+    def nothing(self, path: str, code: int = NO_VALUE) -> NodeValue:
         """Say that a node has no value."""
-        known = self.said[path]
-        return Said(known.kind, None, code, known.is_array)
+        last = self.said[path]
+        return NodeValue(last.kind, None, code, last.is_array)
 
 
 class TableServer:
@@ -114,23 +114,23 @@ class TableServer:
 
     async def _made(self) -> Server:
         """Make the server, with what it offers to whom."""
-        stated = self._security
-        server = Server(OwnServer(Readers(stated)))  # type: ignore[arg-type]
+        security = self._security
+        server = Server(OwnServer(Readers(security)))  # type: ignore[arg-type]
         await server.init()
         bound_server(server)
         server.set_endpoint(self._endpoint)
         server.set_server_name("thermap")
         uri: str | None = None
-        if stated is not None:
-            own = read_certificate(stated.certificate)
-            uri = own.application_uri
-            await server.load_certificate(own.der, "der")
-            await server.load_private_key(key_pem(stated.private_key), format="pem")
-            if trouble := own.trouble(now()) or ends_soon(own):
-                log.warning("OPC UA server: %s: %s", stated.certificate, trouble)
+        if security is not None:
+            certificate = read_certificate(security.certificate)
+            uri = certificate.application_uri
+            await server.load_certificate(certificate.der, "der")
+            await server.load_private_key(key_pem(security.private_key), format="pem")
+            if trouble := certificate.trouble(now()) or ends_soon(certificate):
+                log.warning("OPC UA server: %s: %s", security.certificate, trouble)
         await server.set_application_uri(uri or "urn:thermap:server")
-        server.set_security_policy(policies_of(stated))
-        has_users = stated is not None and bool(stated.users)
+        server.set_security_policy(policies_of(security))
+        has_users = security is not None and bool(security.users)
         server.set_identity_tokens(
             [ua.UserNameIdentityToken if has_users else ua.AnonymousIdentityToken]
         )
@@ -172,19 +172,19 @@ class TableServer:
             await self._tell_time(server, machine, age_s, context.now())
             return
         snapshot = snapshot_of(context, live, self._stored)
-        said, now = dict(values_of(snapshot)), snapshot.status.computed_at
+        values, now = dict(values_of(snapshot)), snapshot.status.computed_at
         layout = _layout(live, snapshot)
         if machine is None or machine.layout != layout:
             if machine is not None:
                 _remove(nodes, self._machines.pop(machine_id))
-            machine = await _add(nodes, machine_id, layout, said, now)
+            machine = await _add(nodes, machine_id, layout, values, now)
             self._machines[machine_id] = machine
         else:
             for path in machine.nodes:
                 if not path.endswith(_FIXED):
                     # A component that the table does not have keeps its nodes, without a value.
-                    told = said.get(path) or machine.nothing(path)
-                    await _write(server, machine, path, told, now)
+                    value = values.get(path) or machine.nothing(path)
+                    await _write(server, machine, path, value, now)
         machine.seen, machine.judged_at_s = seen, monotonic()
 
     async def _tell_time(
@@ -205,33 +205,39 @@ class TableServer:
 
 
 async def _add(
-    nodes: Nodes, machine_id: str, layout: tuple[Any, ...], said: Mapping[str, Said], now: datetime
+    nodes: Nodes,
+    machine_id: str,
+    layout: tuple[Any, ...],
+    values: Mapping[str, NodeValue],
+    now: datetime,
 ) -> _Machine:
     """Make a machine's nodes, all or none, with what they say."""
     top = await nodes.add(machine_id, machine_id, now=now)
-    made = _Machine(top, layout)
+    machine = _Machine(top, layout)
     try:
-        await _furnish(nodes, made, machine_id, said, now)
+        await _furnish(nodes, machine, machine_id, values, now)
     except BaseException:
-        _remove(nodes, made)
+        _remove(nodes, machine)
         raise
-    return made
+    return machine
 
 
 async def _furnish(
-    nodes: Nodes, made: _Machine, machine_id: str, said: Mapping[str, Said], now: datetime
+    nodes: Nodes, machine: _Machine, machine_id: str, values: Mapping[str, NodeValue], now: datetime
 ) -> None:
-    for path, nothing in _nodes_of(made.layout):
-        above, names = made.object, path.split("/")
+    for path, nothing in _nodes_of(machine.layout):
+        above, names = machine.object, path.split("/")
         for depth, name in enumerate(names[:-1], 1):
             folder = "/".join(names[:depth])
-            if folder not in made.objects:
-                made.objects[folder] = await nodes.add(
+            if folder not in machine.objects:
+                machine.objects[folder] = await nodes.add(
                     f"{machine_id}/{folder}", name, above, now=now
                 )
-            above = made.objects[folder]
-        told = made.said[path] = said.get(path, nothing)
-        made.nodes[path] = await nodes.add(f"{machine_id}/{path}", names[-1], above, told, now=now)
+            above = machine.objects[folder]
+        value = machine.said[path] = values.get(path, nothing)
+        machine.nodes[path] = await nodes.add(
+            f"{machine_id}/{path}", names[-1], above, value, now=now
+        )
 
 
 def _remove(nodes: Nodes, machine: _Machine) -> None:
@@ -251,49 +257,53 @@ def _layout(live: LiveMachine, snapshot: Snapshot) -> tuple[Any, ...]:
         for member in group.members
     }
     for entry in snapshot.table.components if snapshot.table is not None else ():
-        known = components.get(entry.component, False)
-        components[entry.component] = known or entry.backward_errors is not None
-    sensors = tuple(one.sensor for one in snapshot.status.sensors)
-    ordered = sorted(components.items(), key=lambda one: one[0].code)
+        has_backward = components.get(entry.component, False)
+        components[entry.component] = has_backward or entry.backward_errors is not None
+    sensors = tuple(sensor.sensor for sensor in snapshot.status.sensors)
+    ordered = sorted(components.items(), key=lambda item: item[0].code)
     return tuple(sorted(sensors)), tuple(ordered)
 
 
-def _nodes_of(layout: tuple[Any, ...]) -> Iterable[tuple[str, Said]]:
+def _nodes_of(layout: tuple[Any, ...]) -> Iterable[tuple[str, NodeValue]]:
     sensors, components = layout
     text, number = ua.VariantType.String, ua.VariantType.Double
-    yield "Name", Said(text, None, NO_VALUE)
-    yield "Configuration", Said(text, None, NO_VALUE)
-    yield "Verdict", Said(text, None, NO_VALUE)
-    yield "State", Said(text, None, NO_VALUE)
-    yield "Sentences", Said(text, None, NO_VALUE, is_array=True)
-    yield "LastCheck", Said(text, None, NO_VALUE)
-    yield "Usable", Said(ua.VariantType.Boolean, None, NO_VALUE)
-    yield "Complete", Said(ua.VariantType.Boolean, None, NO_VALUE)
-    yield "ModelVersion", Said(ua.VariantType.UInt32, None, NO_VALUE)
-    yield "ReadingTime", Said(ua.VariantType.DateTime, None, NO_VALUE)
-    yield "ReadingAge", Said(number, None, NO_VALUE)
-    yield "ComputedAt", Said(ua.VariantType.DateTime, None, NO_VALUE)
+    yield "Name", NodeValue(text, None, NO_VALUE)
+    yield "Configuration", NodeValue(text, None, NO_VALUE)
+    yield "Verdict", NodeValue(text, None, NO_VALUE)
+    yield "State", NodeValue(text, None, NO_VALUE)
+    yield "Sentences", NodeValue(text, None, NO_VALUE, is_array=True)
+    yield "LastCheck", NodeValue(text, None, NO_VALUE)
+    yield "Usable", NodeValue(ua.VariantType.Boolean, None, NO_VALUE)
+    yield "Complete", NodeValue(ua.VariantType.Boolean, None, NO_VALUE)
+    yield "ModelVersion", NodeValue(ua.VariantType.UInt32, None, NO_VALUE)
+    yield "ReadingTime", NodeValue(ua.VariantType.DateTime, None, NO_VALUE)
+    yield "ReadingAge", NodeValue(number, None, NO_VALUE)
+    yield "ComputedAt", NodeValue(ua.VariantType.DateTime, None, NO_VALUE)
     for sensor in sensors:
-        yield f"Temperatures/{sensor}", Said(number, None, NO_VALUE)
+        yield f"Temperatures/{sensor}", NodeValue(number, None, NO_VALUE)
     for component, has_backward in components:
         yield from _component_nodes(component, has_backward=has_backward)
 
 
-def _component_nodes(component: Component, *, has_backward: bool) -> Iterable[tuple[str, Said]]:
+def _component_nodes(
+    component: Component, *, has_backward: bool
+) -> Iterable[tuple[str, NodeValue]]:
     above = f"Components/{component.code}"
     text, number = ua.VariantType.String, ua.VariantType.Double
-    yield f"{above}/Unit", Said(text, component.unit.symbol)
-    yield f"{above}/PositionAxis", Said(text, component.axis if component.is_table else "")
-    yield f"{above}/Positions", Said(number, None, NO_VALUE, is_array=True)
-    yield f"{above}/Compensation", Said(number, None, NO_VALUE, is_array=True)
+    yield f"{above}/Unit", NodeValue(text, component.unit.symbol)
+    yield f"{above}/PositionAxis", NodeValue(text, component.axis if component.is_table else "")
+    yield f"{above}/Positions", NodeValue(number, None, NO_VALUE, is_array=True)
+    yield f"{above}/Compensation", NodeValue(number, None, NO_VALUE, is_array=True)
     if has_backward:
-        yield f"{above}/BackwardCompensation", Said(number, None, NO_VALUE, is_array=True)
-    yield f"{above}/Status", Said(text, None, NO_VALUE)
+        yield f"{above}/BackwardCompensation", NodeValue(number, None, NO_VALUE, is_array=True)
+    yield f"{above}/Status", NodeValue(text, None, NO_VALUE)
 
 
-async def _write(server: Server, machine: _Machine, path: str, said: Said, now: datetime) -> None:
+async def _write(
+    server: Server, machine: _Machine, path: str, value: NodeValue, now: datetime
+) -> None:
     """Say a value where it is another one; the first time in any case."""
-    if machine.said.get(path) == said:
+    if machine.said.get(path) == value:
         return
-    machine.said[path] = said
-    await server.write_attribute_value(machine.nodes[path], said.at(now))
+    machine.said[path] = value
+    await server.write_attribute_value(machine.nodes[path], value.at(now))

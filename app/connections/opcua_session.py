@@ -47,7 +47,7 @@ room for few, and each that was broken off stays open until then."""
 MOST_NODES: Final = 100
 """Nodes that are asked for at once: small controllers refuse more."""
 
-SHOWN: Final = 20
+MOST_NAMED: Final = 20
 """Of what a server offers, in words."""
 
 # What it says of lost contact, with a traceback for every attempt, is said here in a sentence.
@@ -104,11 +104,11 @@ async def _identify(client: Client, access: Access) -> None:
     security = access.security
     if security is None:
         return
-    own, theirs = _usable_certificates(security)
-    client.application_uri = own.application_uri or client.application_uri
+    client_certificate, theirs = _usable_certificates(security)
+    client.application_uri = client_certificate.application_uri or client.application_uri
     await client.set_security(
         getattr(security_policies, f"SecurityPolicy{security.policy}"),
-        CertProperties(own.der, "der"),
+        CertProperties(client_certificate.der, "der"),
         CertProperties(key_pem(security.private_key), "pem"),
         server_certificate=CertProperties(theirs.der, "der"),
         mode=ua.MessageSecurityMode[security.mode],
@@ -117,16 +117,16 @@ async def _identify(client: Client, access: Access) -> None:
 
 def _usable_certificates(security: Security) -> tuple[Certificate, Certificate]:
     """Read our certificate and the server's anew; UaError where one is not valid now."""
-    found = []
+    certificates = []
     for path in (security.certificate, security.server_certificate):
         try:
-            one = read_certificate(path)
+            certificate = read_certificate(path)
         except ValueError as why:
             raise ua.UaError(str(why)) from None
-        if trouble := one.trouble(now()):
+        if trouble := certificate.trouble(now()):
             raise ua.UaError(f"{path}: {trouble}")
-        found.append(one)
-    return found[0], found[1]
+        certificates.append(certificate)
+    return certificates[0], certificates[1]
 
 
 async def why_refused(access: Access, why: BaseException) -> str:
@@ -149,18 +149,26 @@ async def why_refused(access: Access, why: BaseException) -> str:
         await _leave(client)
     mode = ua.MessageSecurityMode[security.mode]
     uri = getattr(security_policies, f"SecurityPolicy{security.policy}").URI
-    fitting = [one for one in offered if (one.SecurityMode, one.SecurityPolicyUri) == (mode, uri)]
+    fitting = [
+        endpoint
+        for endpoint in offered
+        if (endpoint.SecurityMode, endpoint.SecurityPolicyUri) == (mode, uri)
+    ]
     if not fitting:
         return (
             f"expected a server that offers {security.policy} with {security.mode}, got one that "
             f"offers {_offers(offered)}"
         )
     pinned = read_certificate(security.server_certificate)
-    shown = [sent_certificate(one.ServerCertificate) for one in fitting if one.ServerCertificate]
-    if shown and all(one.der != pinned.der for one in shown):
+    sent = [
+        sent_certificate(certificate.ServerCertificate)
+        for certificate in fitting
+        if certificate.ServerCertificate
+    ]
+    if sent and all(endpoint.der != pinned.der for endpoint in sent):
         return (
             f"expected the server with the certificate {pinned.words} in "
-            f"{security.server_certificate}, got one with {shown[0].words}"
+            f"{security.server_certificate}, got one with {sent[0].words}"
         )
     return f"{words}{_REMEDIES.get(getattr(why, 'code', 0), '')}"
 
@@ -179,12 +187,12 @@ _REMEDIES: Final = dict.fromkeys(
 
 
 def _offers(offered: Sequence[ua.EndpointDescription]) -> str:
-    found = {
-        f"{(one.SecurityPolicyUri or '').rpartition('#')[2][:40]} with "
-        f"{one.SecurityMode.name.rstrip('_')}"
-        for one in offered[:SHOWN]
+    offers = {
+        f"{(endpoint.SecurityPolicyUri or '').rpartition('#')[2][:40]} with "
+        f"{endpoint.SecurityMode.name.rstrip('_')}"
+        for endpoint in offered[:MOST_NAMED]
     }
-    return list_names(sorted(found)) if found else "nothing"
+    return list_names(sorted(offers)) if offers else "nothing"
 
 
 def words_of_failure(why: BaseException) -> str:
@@ -208,13 +216,13 @@ async def _leave(client: Client) -> None:
 
 async def read_nodes(client: Client, nodes: Sequence[ua.NodeId]) -> list[ua.DataValue]:
     """Read nodes' values, in parts that any server takes."""
-    found: list[ua.DataValue] = []
+    values: list[ua.DataValue] = []
     for begin in range(0, len(nodes), MOST_NODES):
         some = list(nodes[begin : begin + MOST_NODES])
-        found += await client.uaclient.session.read_attributes(some, ua.AttributeIds.Value)
-    if len(found) != len(nodes):
-        raise ua.UaError(f"expected {len(nodes)} values, got {len(found)}")
-    return found
+        values += await client.uaclient.session.read_attributes(some, ua.AttributeIds.Value)
+    if len(values) != len(nodes):
+        raise ua.UaError(f"expected {len(nodes)} values, got {len(values)}")
+    return values
 
 
 async def find_units(client: Client, nodes: Sequence[ua.NodeId]) -> list[object]:
@@ -223,10 +231,10 @@ async def find_units(client: Client, nodes: Sequence[ua.NodeId]) -> list[object]
         properties = [await _units_of(client, nodes[i : i + MOST_NODES]) for i in _parts(nodes)]
     except ua.UaError:  # not every controller can be asked so
         return [None] * len(nodes)
-    found = [one for part in properties for one in part]
-    values = await read_nodes(client, [one for one in found if one is not None])
+    unit_nodes = [node for part in properties for node in part]
+    values = await read_nodes(client, [node for node in unit_nodes if node is not None])
     read = iter(values)
-    return [None if one is None else _content(next(read)) for one in found]
+    return [None if node is None else _content(next(read)) for node in unit_nodes]
 
 
 async def _units_of(client: Client, nodes: Sequence[ua.NodeId]) -> list[ua.NodeId | None]:
@@ -238,12 +246,12 @@ async def _units_of(client: Client, nodes: Sequence[ua.NodeId]) -> list[ua.NodeI
     )
     paths = [ua.BrowsePath(node, ua.RelativePath([step])) for node in nodes]
     results = await client.uaclient.session.translate_browsepaths_to_nodeids(paths)
-    return [one.Targets[0].TargetId if one.Targets else None for one in results]
+    return [result.Targets[0].TargetId if result.Targets else None for result in results]
 
 
 def _parts(nodes: Sequence[ua.NodeId]) -> range:
     return range(0, len(nodes), MOST_NODES)
 
 
-def _content(said: ua.DataValue) -> object:
-    return None if said.Value is None else said.Value.Value
+def _content(data_value: ua.DataValue) -> object:
+    return None if data_value.Value is None else data_value.Value.Value

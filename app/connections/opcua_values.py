@@ -27,7 +27,7 @@ OpcuaValue: TypeAlias = str | float | bool | datetime | list[str] | list[float] 
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class NodeValue:
     """A value, its type, and its status code.
 
     A bad one has no value at all: who passes over the status code must not get a number.
@@ -110,11 +110,11 @@ def quality_of_component(snapshot: Snapshot, entry: ComponentCompensation, code:
     table = snapshot.table
     if table is None or ua.StatusCode(ua.UInt32(code)).is_bad():
         return NO_VALUE
-    rests_on = {entry.basis.sensor, *(one.sensor for one in entry.basis.follows)}
+    rests_on = {entry.basis.sensor, *(followed.sensor for followed in entry.basis.follows)}
     for effect in table.effects:
         if entry.component.code in effect.components:
             rests_on |= set(effect.sensors)
-    old = {one.sensor for one in snapshot.status.sensors if one.health is Health.STALE}
+    old = {sensor.sensor for sensor in snapshot.status.sensors if sensor.health is Health.STALE}
     if rests_on & old:
         return ua.StatusCodes.UncertainLastUsableValue
     if entry.basis.status in _BEYOND:
@@ -133,22 +133,22 @@ _QUALITY: Final = {
 """Of a temperature; a sensor that failed otherwise says nothing."""
 
 
-def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
+def values_of(snapshot: Snapshot) -> Iterator[tuple[str, NodeValue]]:
     """Give all values of a machine by their paths below it."""
     status, code = snapshot.status, quality_of(snapshot)
     table, text = snapshot.table, ua.VariantType.String
-    yield "Name", Said(text, status.name)
-    yield "Configuration", Said(text, status.configuration)
-    yield "Verdict", Said(text, status.verdict.value)
-    yield "State", Said(text, status.state.value)
-    yield "Sentences", Said(text, list(status.sentences), is_array=True)
+    yield "Name", NodeValue(text, status.name)
+    yield "Configuration", NodeValue(text, status.configuration)
+    yield "Verdict", NodeValue(text, status.verdict.value)
+    yield "State", NodeValue(text, status.state.value)
+    yield "Sentences", NodeValue(text, list(status.sentences), is_array=True)
     check = status.last_check
-    yield "LastCheck", _known(text, None if check is None else check.text)
-    yield "Usable", Said(ua.VariantType.Boolean, code != NO_VALUE)
+    yield "LastCheck", _value_or_none(text, None if check is None else check.text)
+    yield "Usable", NodeValue(ua.VariantType.Boolean, code != NO_VALUE)
     complete = table is not None and table.complete and code != NO_VALUE
-    yield "Complete", Said(ua.VariantType.Boolean, complete)
-    yield "ModelVersion", _known(ua.VariantType.UInt32, status.model_version)
-    yield "ReadingTime", _known(ua.VariantType.DateTime, status.reading_time)
+    yield "Complete", NodeValue(ua.VariantType.Boolean, complete)
+    yield "ModelVersion", _value_or_none(ua.VariantType.UInt32, status.model_version)
+    yield "ReadingTime", _value_or_none(ua.VariantType.DateTime, status.reading_time)
     yield "ReadingAge", reading_age(status.reading_age_s)
     yield "ComputedAt", computed_at(status.computed_at)
     for sensor in status.sensors:
@@ -157,34 +157,34 @@ def values_of(snapshot: Snapshot) -> Iterator[tuple[str, Said]]:
         yield from _component_values(entry, quality_of_component(snapshot, entry, code))
 
 
-def reading_age(age_s: float | None) -> Said:
+def reading_age(age_s: float | None) -> NodeValue:
     """Say how old the latest reading is [s]."""
-    return _known(ua.VariantType.Double, age_s)
+    return _value_or_none(ua.VariantType.Double, age_s)
 
 
-def computed_at(time: datetime) -> Said:
+def computed_at(time: datetime) -> NodeValue:
     """Say when a machine was judged, or nothing was found changed since it was."""
-    return Said(ua.VariantType.DateTime, time)
+    return NodeValue(ua.VariantType.DateTime, time)
 
 
-def _component_values(entry: ComponentCompensation, code: int) -> Iterator[tuple[str, Said]]:
+def _component_values(entry: ComponentCompensation, code: int) -> Iterator[tuple[str, NodeValue]]:
     above = f"Components/{entry.component.code}"
     number = ua.VariantType.Double
-    yield f"{above}/Positions", Said(number, entry.positions_mm.tolist(), code, is_array=True)
+    yield f"{above}/Positions", NodeValue(number, entry.positions_mm.tolist(), code, is_array=True)
     compensation = entry.compensation.tolist()
-    yield f"{above}/Compensation", Said(number, compensation, code, is_array=True)
+    yield f"{above}/Compensation", NodeValue(number, compensation, code, is_array=True)
     if entry.backward_errors is not None:
         backward = (0.0 - entry.backward_errors).tolist()
-        yield f"{above}/BackwardCompensation", Said(number, backward, code, is_array=True)
-    yield f"{above}/Status", Said(ua.VariantType.String, entry.basis.status, code)
+        yield f"{above}/BackwardCompensation", NodeValue(number, backward, code, is_array=True)
+    yield f"{above}/Status", NodeValue(ua.VariantType.String, entry.basis.status, code)
 
 
-def _temperature(sensor: SensorNow) -> Said:
+def _temperature(sensor: SensorNow) -> NodeValue:
     code = _QUALITY.get(sensor.health, ua.StatusCodes.BadSensorFailure)
     if sensor.temperature_c is None:
         code = NO_VALUE
-    return Said(ua.VariantType.Double, sensor.temperature_c, code)
+    return NodeValue(ua.VariantType.Double, sensor.temperature_c, code)
 
 
-def _known(kind: ua.VariantType, value: OpcuaValue) -> Said:
-    return Said(kind, value, NO_VALUE if value is None else GOOD)
+def _value_or_none(kind: ua.VariantType, value: OpcuaValue) -> NodeValue:
+    return NodeValue(kind, value, NO_VALUE if value is None else GOOD)

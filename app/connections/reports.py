@@ -51,8 +51,10 @@ class ConnectionReports:
         By which others know this process, the same after a restart; None where no others are.
     """
 
-    def __init__(self, own: Connections, context: Callable[[], Context], owner: str | None) -> None:
-        self._own = own
+    def __init__(
+        self, connections: Connections, context: Callable[[], Context], owner: str | None
+    ) -> None:
+        self._own = connections
         self._context = context
         self._owner = owner
 
@@ -131,7 +133,10 @@ class ConnectionReports:
 def _unknown(now: ConnectionsNow, age: timedelta) -> ConnectionsNow:
     """Say that who has these connections says nothing any more."""
     words = f"the process that has it has said nothing for {age.total_seconds():.0f} s"
-    gone = tuple(replace(one, connected=False, known=0, trouble=words) for one in now.connections)
+    gone = tuple(
+        replace(connection, connected=False, known=0, trouble=words)
+        for connection in now.connections
+    )
     return replace(now, connections=gone, machines_with_wrong_clocks=())
 
 
@@ -139,7 +144,7 @@ def _together(found: list[ConnectionsNow]) -> ConnectionsNow:
     clocks = {machine for now in found for machine in now.machines_with_wrong_clocks}
     refusals = [now.last_refusal for now in found if now.last_refusal]
     return ConnectionsNow(
-        tuple(one for now in found for one in now.connections),
+        tuple(connection for now in found for connection in now.connections),
         sum(now.stored for now in found),
         sum(now.dropped for now in found),
         sum(now.refused for now in found),

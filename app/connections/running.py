@@ -52,16 +52,19 @@ class Connections:
     """All connections of the service."""
 
     def __init__(
-        self, stated: ConnectionsFile, context: Callable[[], Context], follow_tables: FollowTables
+        self,
+        connections_file: ConnectionsFile,
+        context: Callable[[], Context],
+        follow_tables: FollowTables,
     ) -> None:
-        self._intake = Intake(context, stated.intake.limits)
+        self._intake = Intake(context, connections_file.intake.limits)
         self._connections: list[tuple[Sender, RunningConnection]] = []
-        for table in stated.connections:
+        for table in connections_file.connections:
             sender = Sender(self._intake)
-            one = _connection(table, sender, context)
-            if isinstance(one, TellsTables):
-                one.follow_tables = follow_tables
-            self._connections.append((sender, one))
+            connection = _connection(table, sender, context)
+            if isinstance(connection, TellsTables):
+                connection.follow_tables = follow_tables
+            self._connections.append((sender, connection))
 
     def __bool__(self) -> bool:
         """Whether there are any."""
@@ -71,7 +74,9 @@ class Connections:
         """Say how all fare."""
         counts = self._intake.counts
         return ConnectionsNow(
-            tuple(_with_counts(one.now(), sender) for sender, one in self._connections),
+            tuple(
+                _with_counts(connection.now(), sender) for sender, connection in self._connections
+            ),
             counts.stored,
             counts.dropped,
             counts.refused,
@@ -89,8 +94,10 @@ class Connections:
         tasks = [
             asyncio.create_task(keep_running("what connections read", self._intake.run)),
             *(
-                asyncio.create_task(keep_running(one.now().name, one.run, one.lost))
-                for _, one in self._connections
+                asyncio.create_task(
+                    keep_running(connection.now().name, connection.run, connection.lost)
+                )
+                for _, connection in self._connections
             ),
         ]
         try:

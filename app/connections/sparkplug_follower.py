@@ -22,22 +22,22 @@ class SparkplugFollower:
 
     def __init__(self, tables: Sequence[SparkplugTable], intake: TakesValues) -> None:
         self._intake = intake
-        self._nodes = Nodes({Place(one.group, one.node, one.device) for one in tables})
+        self._nodes = Nodes({Place(table.group, table.node, table.device) for table in tables})
         self.absent: set[tuple[str, str]] = set()
         """Machines and sensors of which a node says that they have no value."""
         self._asked_s: dict[tuple[str, str], float] = {}
         self._followed = [
-            (one, KnownValues(intake, one.machine, one.sensors, one.state), _names(one))
-            for one in tables
+            (table, KnownValues(intake, table.machine, table.sensors, table.state), _names(table))
+            for table in tables
         ]
 
     def __len__(self) -> int:
-        return sum(len(known) for _, known, _ in self._followed)
+        return sum(len(known_values) for _, known_values, _ in self._followed)
 
     @property
     def filters(self) -> list[str]:
         """What the broker is asked for: all of a node, whose messages are numbered together."""
-        nodes = {(one.group, one.node) for one, _, _ in self._followed}
+        nodes = {(table.group, table.node) for table, _, _ in self._followed}
         return [f"{NAMESPACE}/{group}/+/{node}/#" for group, node in sorted(nodes)]
 
     @property
@@ -49,21 +49,21 @@ class SparkplugFollower:
         """Know nothing any more: contact was lost."""
         self.absent.clear()
         self._nodes.forget()
-        for _, known, _ in self._followed:
-            known.forget()
+        for _, known_values, _ in self._followed:
+            known_values.forget()
 
     def repeat(self) -> None:
         """Tell again what holds: nodes tell changes only."""
-        for _, known, _ in self._followed:
-            known.repeat()
+        for _, known_values, _ in self._followed:
+            known_values.repeat()
 
     def take(self, topic: str, payload: bytes) -> list[asyncio.Future[Fate]]:
         """Take a message; Unusable as `Nodes.hear`."""
-        told = []
+        futures = []
         for heard in self._nodes.hear(topic, payload):
-            for table, known, names in self._followed:
-                told += self._apply(heard, table, known, names)
-        return told
+            for table, known_values, names in self._followed:
+                futures += self._apply(heard, table, known_values, names)
+        return futures
 
     def _note_absent(self, table: SparkplugTable, name: str, value: float | None) -> None:
         if value is None and name in table.sensors:
@@ -78,7 +78,7 @@ class SparkplugFollower:
     def rebirths_due(self) -> list[str]:
         """Give the topics of commands that are to be sent now: births are missing, and wanted."""
         now_s = monotonic()
-        wanted = {(one.group, one.node) for one, _, _ in self._followed if one.rebirth}
+        wanted = {(table.group, table.node) for table, _, _ in self._followed if table.rebirth}
         due = [
             node
             for node in sorted(wanted - self._nodes.born)
@@ -91,7 +91,7 @@ class SparkplugFollower:
         self,
         heard: Heard,
         table: SparkplugTable,
-        known: KnownValues,
+        known_values: KnownValues,
         names: Mapping[str, Sequence[str]],
     ) -> list[asyncio.Future[Fate]]:
         """Hand over what is the table's; without a birth its values are gone."""
@@ -99,11 +99,11 @@ class SparkplugFollower:
         if (place.group, place.node) != (table.group, table.node):
             return []
         if heard.is_gone and place.device in (None, table.device):
-            known.forget()
+            known_values.forget()
         if place.device != table.device:
             return []
         now: dict[str, float | None] = {}
-        told = []
+        futures = []
         for metric in heard.metrics:
             for name in names.get(metric.name, ()):
                 value = _value(table, name, metric)
@@ -111,19 +111,19 @@ class SparkplugFollower:
                     now[name] = value
                     self._note_absent(table, name, value)
                 elif value is not None and name in table.sensors and metric.time is not None:
-                    told.append(self._intake.offer(table.machine, {name: value}, metric.time))
-        future = known.take(now)
-        return [*told, future] if future is not None else told
+                    futures.append(self._intake.offer(table.machine, {name: value}, metric.time))
+        future = known_values.take(now)
+        return [*futures, future] if future is not None else futures
 
 
 def _names(table: SparkplugTable) -> Mapping[str, Sequence[str]]:
     """List by metrics what is read from each."""
-    found: dict[str, list[str]] = {}
-    for name, one in table.sensors.items():
-        found.setdefault(one.metric, []).append(name)
+    names: dict[str, list[str]] = {}
+    for name, sensor in table.sensors.items():
+        names.setdefault(sensor.metric, []).append(name)
     for name, metric in table.state.items():
-        found.setdefault(metric, []).append(name)
-    return found
+        names.setdefault(metric, []).append(name)
+    return names
 
 
 def _value(table: SparkplugTable, name: str, metric: Metric) -> float | None:

@@ -52,8 +52,8 @@ class _Node:
         self.datatypes = _without(self.datatypes, device)
 
 
-def _without(known: dict, device: str | None) -> dict:  # type: ignore[type-arg]
-    return {} if device is None else {k: v for k, v in known.items() if k[0] != device}
+def _without(by_key: dict, device: str | None) -> dict:  # type: ignore[type-arg]
+    return {} if device is None else {k: v for k, v in by_key.items() if k[0] != device}
 
 
 @dataclass(slots=True)
@@ -161,21 +161,21 @@ class Nodes:
                 node.aliases[place.device, metric.alias] = (metric.name, metric.datatype)
 
     def _named(self, node: _Node, place: Place, payload: Payload) -> list[Metric]:
-        found = []
+        named = []
         for metric in payload.metrics:
             name, datatype = metric.name, metric.datatype
             if not name and metric.alias is not None:
-                name, told = node.aliases.get((place.device, metric.alias), ("", 0))
-                datatype = datatype or told
+                name, datatype_of_alias = node.aliases.get((place.device, metric.alias), ("", 0))
+                datatype = datatype or datatype_of_alias
             if not name:
                 if not node.born:
                     self.unsure.add((place.group, place.node))
                 continue
             datatype = datatype or node.datatypes.get((place.device, name), 0)
             value = None if metric.value is None else signed(metric.value, datatype)
-            found.append(replace(metric, name=name, datatype=datatype, value=value))
-        return found
+            named.append(replace(metric, name=name, datatype=datatype, value=value))
+        return named
 
 
 def _session(payload: Payload) -> float | None:
-    return next((one.value for one in payload.metrics if one.name == SESSION), None)
+    return next((metric.value for metric in payload.metrics if metric.name == SESSION), None)

@@ -15,7 +15,7 @@ from typing import Any, Final
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
-from app.connections.mqtt_payloads import SHOWN, Unusable
+from app.connections.mqtt_payloads import LONGEST_EXCERPT, Unusable
 from app.units import MS_PER_S, time_since_1970
 
 MOST_METRICS: Final = 10_000
@@ -72,10 +72,10 @@ def _messages() -> tuple[Any, Any]:
     )
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
-    found = (
+    descriptors = (
         pool.FindMessageTypeByName(f"thermap.sparkplug.{name}") for name in ("Payload", "Metric")
     )
-    made, of_metric = (message_factory.GetMessageClass(one) for one in found)
+    made, of_metric = (message_factory.GetMessageClass(descriptor) for descriptor in descriptors)
     return made, of_metric
 
 
@@ -119,12 +119,13 @@ def read_payload(content: bytes) -> Payload:
         message.ParseFromString(content)
     except DecodeError:
         raise Unusable(
-            f"expected a payload of Sparkplug B, got {content[:SHOWN]!r} ({len(content)} bytes)"
+            f"expected a payload of Sparkplug B, got {content[:LONGEST_EXCERPT]!r} ({len(content)} "
+            "bytes)"
         ) from None
     if len(message.metrics) > MOST_METRICS:
         raise Unusable(f"expected at most {MOST_METRICS} metrics, got {len(message.metrics)}")
     seq = message.seq if message.HasField("seq") else None
-    return Payload(seq, [_metric(one) for one in message.metrics])
+    return Payload(seq, [_metric(metric) for metric in message.metrics])
 
 
 def signed(value: float, datatype: int) -> float:
@@ -136,8 +137,8 @@ def signed(value: float, datatype: int) -> float:
     bits = _SIGNED_BITS.get(datatype)
     if bits is None or not float(value).is_integer():
         return value
-    own = int(value) & ((1 << bits) - 1)
-    return own - (1 << bits) if own >> (bits - 1) else own
+    unsigned = int(value) & ((1 << bits) - 1)
+    return unsigned - (1 << bits) if unsigned >> (bits - 1) else unsigned
 
 
 def rebirth_command() -> bytes:

@@ -87,9 +87,9 @@ def create_key(
         chosen = None
         if machines is not None:
             chosen = tuple(dict.fromkeys(machines))
-            kept = hold_machines(session, chosen)
+            locked = hold_machines(session, chosen)
             _check_machines(chosen, [stored.machine.id for stored in list_machines(session)])
-            if len(kept) < len(chosen):
+            if len(locked) < len(chosen):
                 raise Conflict("a machine that the key is to be for is being deleted")
         key = add_key(session, name, role, chosen, digest_of(secret), now())
         whole = "all machines" if chosen is None else list_names(chosen)
@@ -109,11 +109,11 @@ def _check_limits(role: Role, machines: Sequence[str]) -> None:
         raise InvalidContent.of_field("machines", "expected one or more ids, or null for all")
 
 
-def _check_machines(chosen: Sequence[str], known: Collection[str]) -> None:
+def _check_machines(chosen: Sequence[str], machines: Collection[str]) -> None:
     for machine in chosen:
-        if machine not in known:
+        if machine not in machines:
             raise InvalidContent.of_field(
-                "machines", f"expected one of {list_names(known)}, got {machine[:80]!r}"
+                "machines", f"expected one of {list_names(machines)}, got {machine[:80]!r}"
             )
 
 

@@ -74,14 +74,14 @@ def adopt_analysis(
     with changing_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
         chosen = _chosen(change, row, places, onto_active=onto_active)
-        made = version_with_effects(
+        new_version = version_with_effects(
             *(context, change, chosen.effects, chosen.reason),
             refitted=chosen.refitted,
             accept_losses=accept_losses,
         )
-        row.adopted_version = made.version.version
+        row.adopted_version = new_version.version.version
         row.confirmed = chosen.left_out
-    return made
+    return new_version
 
 
 def preview_adoption(
@@ -128,9 +128,9 @@ def _chosen(
         _check_active(change, row)
     _check_unlike(change, row, effects)
     left_out = [
-        one.explanation
-        for place, one in enumerate(result.effects)
-        if place not in chosen and one.helps and one.status == "confirmed"
+        candidate.explanation
+        for place, candidate in enumerate(result.effects)
+        if place not in chosen and candidate.helps and candidate.status == "confirmed"
     ]
     return _Chosen(left_out, effects, *_refitted(change, row, result, chosen))
 
@@ -139,32 +139,34 @@ def _refitted(
     change: MachineChange, row: AnalysisRow, result: Analysis, chosen: Sequence[int]
 ) -> tuple[list[RefittedEffect], str]:
     """Say what becomes of the active version's effects, and write the reason of the next one."""
-    found = [result.effects[place] for place in chosen]
-    what = ", ".join(f"{one.kind} on {' '.join(one.components)}" for one in found)
+    effects = [result.effects[place] for place in chosen]
+    what = ", ".join(f"{effect.kind} on {' '.join(effect.components)}" for effect in effects)
     reason = f"analysis {row.id} adopted: {what}" if what else f"analysis {row.id} adopted"
-    known = adopted_effects(change.version)
-    own = [one for one in result.refitted if one.outcome != "left" and one.effect in known]
-    if not own:
+    in_model = adopted_effects(change.version)
+    refits = [
+        refit for refit in result.refitted if refit.outcome != "left" and refit.effect in in_model
+    ]
+    if not refits:
         return [], reason
-    if set(chosen) != {place for place, one in enumerate(result.effects) if one.helps}:
+    if set(chosen) != {place for place, candidate in enumerate(result.effects) if candidate.helps}:
         stay = (
             "the effects adopted before stay as they are, because they were refitted together "
             "with other effects"
         )
         return [], f"{reason}; {stay}"
     analysed = [int(number) for number in row.verification_ids]
-    made = [
-        one
-        if one.becomes is None or one.effect.provenance is None
+    with_provenance = [
+        refit
+        if refit.becomes is None or refit.effect.provenance is None
         else replace(
-            one,
+            refit,
             becomes=replace(
-                one.becomes, provenance=one.effect.provenance.refitted(row.id, analysed)
+                refit.becomes, provenance=refit.effect.provenance.refitted(row.id, analysed)
             ),
         )
-        for one in own
+        for refit in refits
     ]
-    return made, "; ".join([reason, *(one.explanation for one in made)])
+    return with_provenance, "; ".join([reason, *(refit.explanation for refit in with_provenance)])
 
 
 def version_with_effects(
@@ -203,13 +205,13 @@ def version_with_effects(
     after = ModelWithEffects(draft.model, draft.effects)
     waits = not accept_losses and difference_to_active(context, change, after).loses
     if waiting is not None and waits:
-        known = without_replaced(adopted_effects(waiting), effects)
-        together = effects_after(known, refitted, effects)
+        in_waiting = without_replaced(adopted_effects(waiting), effects)
+        together = effects_after(in_waiting, refitted, effects)
         draft = draft_version(change, waiting, waiting.maps, reason, effects=together)
         return make_version(context, change, draft)
-    made = make_version(context, change, draft, accept_losses=accept_losses)
+    new_version = make_version(context, change, draft, accept_losses=accept_losses)
     remake_waiting(context, change, waiting)
-    return made
+    return new_version
 
 
 def _draft(
@@ -224,16 +226,16 @@ def _draft(
     active = change.version
     if active is None:
         raise no_model_yet(change.row.id)
-    known = adopted_effects(active)
-    for effect in [*effects, *(one.becomes for one in refitted if one.becomes is not None)]:
+    in_active = adopted_effects(active)
+    for effect in [*effects, *(refit.becomes for refit in refitted if refit.becomes is not None)]:
         _check_effect(change.machine, effect)
     for effect in effects:
-        if effect in known:
+        if effect in in_active:
             raise Conflict(
                 f"model version {active.version} already has this effect: {explain(effect)}"
             )
-    kept = without_replaced(known, effects)
-    together = effects_after(kept, refitted, effects)
+    remaining = without_replaced(in_active, effects)
+    together = effects_after(remaining, refitted, effects)
     return draft_version(change, active, active.maps, reason, effects=together)
 
 
@@ -266,35 +268,35 @@ def _result(row: AnalysisRow) -> Analysis:
 
 def _effects(row: AnalysisRow, result: Analysis, chosen: Sequence[int]) -> list[Effect]:
     """Choose effects, and note where they come from."""
-    found = result.effects
-    if len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(len(found))):
+    effects = result.effects
+    if len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(len(effects))):
         raise InvalidContent.of_field(
             "effects",
             (
-                f"expected numbers of effects from 0 to {len(found) - 1}, each once, got "
+                f"expected numbers of effects from 0 to {len(effects) - 1}, each once, got "
                 f"{list(chosen)}"
             ),
         )
     for place in chosen:
-        if why := kind_of(found[place].kind).not_adopted:
+        if why := kind_of(effects[place].kind).not_adopted:
             raise Conflict(
-                f"effect {place} of analysis {row.id}, {found[place].kind}, cannot be adopted: "
+                f"effect {place} of analysis {row.id}, {effects[place].kind}, cannot be adopted: "
                 f"{why}"
             )
     origin = Provenance(row.id, (), tuple(int(number) for number in row.verification_ids))
-    return [replace(found[place].effect, provenance=origin) for place in chosen]
+    return [replace(effects[place].effect, provenance=origin) for place in chosen]
 
 
 def _helping(row: AnalysisRow, result: Analysis) -> list[int]:
     """List the places of the effects that help; none where the model's own are to be moved."""
-    found = result.effects
-    places = [place for place, one in enumerate(found) if one.helps]
+    effects = result.effects
+    places = [place for place, effect in enumerate(effects) if effect.helps]
     if not places and not result.is_refit_due:
         why = "; ".join(
-            f"effect {place}, {one.kind} of {list_names(one.components, 3)}: {one.why_not}"
-            for place, one in enumerate(found)
+            f"effect {place}, {effect.kind} of {list_names(effect.components, 3)}: {effect.why_not}"
+            for place, effect in enumerate(effects)
         )
-        adoptable = [p for p, one in enumerate(found) if not kind_of(one.kind).not_adopted]
+        adoptable = [p for p, effect in enumerate(effects) if not kind_of(effect.kind).not_adopted]
         all_the_same = (
             f"; state effects, such as {adoptable[:1]}, to adopt one all the same"
             if adoptable
@@ -312,13 +314,18 @@ def _check_unlike(change: MachineChange, row: AnalysisRow, effects: Sequence[Eff
     if active is None or active.version == row.model_version:
         return
     analysed = adopted_effects(find_version(change.session, change.row.id, row.model_version))
-    since = [one for one in adopted_effects(active) if one not in analysed]
+    since = [
+        adopted_effect
+        for adopted_effect in adopted_effects(active)
+        if adopted_effect not in analysed
+    ]
     for effect in effects:
-        for one in since:
-            if do_the_same(one, effect) and one != effect:
+        for adopted_since in since:
+            if do_the_same(adopted_since, effect) and adopted_since != effect:
                 raise Conflict(
                     f"model version {active.version} has been given a similar effect since: "
-                    f"{explain(one)}; adding this one would count it twice: {explain(effect)}"
+                    f"{explain(adopted_since)}; adding this one would count it twice: "
+                    f"{explain(effect)}"
                 )
 
 

@@ -49,11 +49,11 @@ def analyse_stored(
             campaign = replace(campaign, verification_ids=tuple(ids))
     finally:
         database.close()
-    found = analyse(
+    analysis = analyse(
         campaign,
         holdout_fraction=stored.task.holdout_fraction,
         kinds=stored.task.kinds,
         seed=stored.task.seed,
         progress=progress,
     )
-    return RESULTS.text(found)
+    return RESULTS.text(analysis)

@@ -318,11 +318,11 @@ def _effects_of(session: Session, machine_id: str, version: int | None) -> Seque
 
 
 def _adopted(
-    session: Session, machine_id: str, version: int | None, found: Sequence[FoundEffect]
+    session: Session, machine_id: str, version: int | None, candidates: Sequence[FoundEffect]
 ) -> list[str]:
     """Say which of the effects found are in the version that was made of them."""
-    known = _effects_of(session, machine_id, version)
-    return [explain(one.effect) for one in found if one.effect in known]
+    adopted = _effects_of(session, machine_id, version)
+    return [explain(effect.effect) for effect in candidates if effect.effect in adopted]
 
 
 @repeated
@@ -341,14 +341,14 @@ def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> Stor
         row = find_analysis(session, machine_id, analysis_id)
         cancelled = cancel_stored(session, analysis_id, context.now())
         session.refresh(row)
-        found = stored_analysis(row)
+        analysis = stored_analysis(row)
         if cancelled:
-            note_analysis(session, machine_id, analysis_id, found.status, context.now())
-        if not cancelled and found.status is not AnalysisStatus.CANCELLED:
+            note_analysis(session, machine_id, analysis_id, analysis.status, context.now())
+        if not cancelled and analysis.status is not AnalysisStatus.CANCELLED:
             raise Conflict(
-                f"analysis {analysis_id} cannot be cancelled any more: it is {found.status}"
+                f"analysis {analysis_id} cannot be cancelled any more: it is {analysis.status}"
             )
-    return found
+    return analysis
 
 
 @repeated

@@ -149,7 +149,7 @@ def ask_field(
 
 
 def work_volume(
-    answer: FieldAnswer, stated: Mapping[str, Travel] | None = None
+    answer: FieldAnswer, travels: Mapping[str, Travel] | None = None
 ) -> tuple[WorkVolume, list[str]]:
     """Choose the work volume: what is stated, else the axes' travel, else the tables' range.
 
@@ -169,14 +169,14 @@ def work_volume(
     machine = answer.machine
     remarks: list[str] = []
     ranges: dict[str, Range] = dict.fromkeys(LINEAR_LETTERS, (0.0, 0.0))
-    for axis in stated or {}:
+    for axis in travels or {}:
         if axis not in machine.chain.axes:
             raise InvalidContent.of_field(
                 f"volume.{axis}",
                 f"expected the axes of {machine.chain.text}, got {axis!r}",
             )
     for axis in machine.chain.axes:
-        chosen = (stated or {}).get(axis) or machine.axes.get(axis)
+        chosen = (travels or {}).get(axis) or machine.axes.get(axis)
         if chosen is None:
             chosen = _range_of_tables(answer, axis)
             remarks.append(
@@ -218,10 +218,10 @@ def _tables(
         now = current_state(context, machine_id, live, state)
         return [current_table(context, now).table]
     warnings = database_warnings(context, live.current)
-    found = []
+    tables = []
     for i, temperatures in enumerate(temperatures_c):
         try:
-            found.append(table_at(live.current, temperatures, context.now(), warnings, state))
+            tables.append(table_at(live.current, temperatures, context.now(), warnings, state))
         except InvalidContent as error:
             if len(temperatures_c) == 1:
                 raise
@@ -230,7 +230,7 @@ def _tables(
                 for e in error.errors
             ]
             raise type(error)(f"thermal state {i}: {error.detail}", fields) from None
-    return found
+    return tables
 
 
 def _without_direction(tables: Sequence[CompensationTable], directions: Directions) -> list[str]:

@@ -76,8 +76,8 @@ class ReadingBinner(Background):
 
     def _bin(self, hours: Mapping[str, Collection[datetime]], up_to: int) -> bool:
         """Bin hours of what has a number up to this one; say whether that came to its end."""
-        for machine_id, own in hours.items():
-            for hour in sorted(own):
+        for machine_id, hours_of_machine in hours.items():
+            for hour in sorted(hours_of_machine):
                 if self._stop.is_set():
                     return False
                 with suppress(UnknownThing), self._context.database.writing() as session:

@@ -207,8 +207,8 @@ class AbandonedAnalyses:
         now_s = self._clock()
         before, self._seen = self._seen, {}
         for number, beats in running.items():
-            known = before.get(number)
-            since_s = known[1] if known is not None and known[0] == beats else now_s
+            last_beat = before.get(number)
+            since_s = last_beat[1] if last_beat is not None and last_beat[0] == beats else now_s
             self._seen[number] = beats, since_s
             if now_s - since_s >= PATIENCE_S:
                 self._give_up(number, *beats)

@@ -102,7 +102,7 @@ class WaitedBefore:
 
     def of_these(self, loses: Iterable[Part]) -> list[Part]:
         """Pick what is its doing of what another version loses that contains it."""
-        return [part for part in loses if any(own.contains(part) for own in self.loses)]
+        return [part for part in loses if any(lost_part.contains(part) for lost_part in self.loses)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,8 +193,8 @@ def draft_version(
     if effects is None:
         effects = adopted_effects(base)
         if base is not None and effects:
-            known = {stored.id for stored in base.maps}
-            new_maps = [stored.error_map for stored in stored_maps if stored.id not in known]
+            map_ids = {stored.id for stored in base.maps}
+            new_maps = [stored.error_map for stored in stored_maps if stored.id not in map_ids]
             before = compile_version(machine, base)
             effects, notes = carry_over(effects, Change(before, model, error_maps, new_maps))
     return Draft(stored_maps, full, effects, "; ".join([reason, *notes]), model)
@@ -216,10 +216,10 @@ def waited_before(context: Context, change: MachineChange) -> WaitedBefore | Non
         return None
     model = compile_version(change.machine, waiting)
     after = ModelWithEffects(model, adopted_effects(waiting))
-    known = {stored.id for stored in active.maps}
+    map_ids = {stored.id for stored in active.maps}
     return WaitedBefore(
         version=waiting.version,
-        maps=[stored for stored in waiting.maps if stored.id not in known],
+        maps=[stored for stored in waiting.maps if stored.id not in map_ids],
         loses=difference_to_active(context, change, after).loses,
     )
 

@@ -86,16 +86,18 @@ def show_compared_checks(context: Context, machine_id: str, a: int, b: int) -> C
         find_machine(session, machine_id)
         stored = list_verifications(session, machine_id)
         adopted = [
-            one.task.verification_ids
-            for one in list_analyses(session, machine_id)
-            if one.adopted_version is not None and one.adopted_version <= max(a, b)
+            analysis.task.verification_ids
+            for analysis in list_analyses(session, machine_id)
+            if analysis.adopted_version is not None and analysis.adopted_version <= max(a, b)
         ]
-    checks = sorted(stored, key=lambda one: (one.first_at, one.id))[-MOST_CHECKS:]
+    checks = sorted(stored, key=lambda check: (check.first_at, check.id))[-MOST_CHECKS:]
     left_out = len(stored) - len(checks)
     if not checks:
         return ComparedChecks(a, b, why_not="no check is stored")
     try:
-        _, (first, second) = compare_models(context, machine_id, [one.id for one in checks], [a, b])
+        _, (first, second) = compare_models(
+            context, machine_id, [check.id for check in checks], [a, b]
+        )
     except ThermapError as error:
         return ComparedChecks(a, b, left_out=left_out, why_not=error.detail)
     learned = {number for numbers in adopted for number in numbers}
@@ -112,13 +114,13 @@ def _compared(
     rows = first.report.residuals.rows
     are_lengths = lengths(first.report.residuals) & (first.report.overall is not None)
     of_check = [are_lengths & (rows.verification == i) for i in range(len(checks))]
-    is_new = np.array([one.id not in learned for one in checks], dtype=np.bool_)
+    is_new = np.array([check.id not in learned for check in checks], dtype=np.bool_)
     return ComparedChecks(
         first.version,
         second.version,
         [
-            ComparedCheck(check, _pair(first, second, own), check.id in learned)
-            for check, own in zip(checks, of_check, strict=True)
+            ComparedCheck(check, _pair(first, second, of_this_check), check.id in learned)
+            for check, of_this_check in zip(checks, of_check, strict=True)
         ],
         left_out,
         _pair(first, second, are_lengths),
@@ -130,5 +132,5 @@ def _compared(
 def _pair(first: ComparedVersion, second: ComparedVersion, chosen: BoolArray) -> Pair | None:
     if not chosen.any():
         return None
-    left = (rms(one.report.values[chosen]) for one in (first, second))
-    return Pair(int(chosen.sum()), *left)
+    after_rms = (rms(version.report.values[chosen]) for version in (first, second))
+    return Pair(int(chosen.sum()), *after_rms)

@@ -92,12 +92,12 @@ def repeated(use_case: Callable[Asked, Answer]) -> Callable[Asked, Answer]:
     """
 
     @wraps(use_case)
-    def until_it_succeeds(*asked: Asked.args, **named: Asked.kwargs) -> Answer:
+    def until_it_succeeds(*arguments: Asked.args, **named: Asked.kwargs) -> Answer:
         for i in range(TIMES - 1):
             try:
-                return use_case(*asked, **named)
+                return use_case(*arguments, **named)
             except StorageOvertaken:
                 sleep(uniform(0.0, LONGEST_PAUSE_S * 2**i))
-        return use_case(*asked, **named)
+        return use_case(*arguments, **named)
 
     return until_it_succeeds

@@ -80,7 +80,7 @@ def export_compensation(
     context: Context,
     machine_id: str,
     controller_name: str,
-    stated: Mapping[str, Any],
+    raw_options: Mapping[str, Any],
     question: FieldQuestion,
     bands: BandsWanted | None = None,
 ) -> Exported:
@@ -100,12 +100,12 @@ def export_compensation(
         As `ask_field`, `options_of` and `export`; whatever is refused, nothing is written.
     """
     controller = format_named(controller_name)
-    options = options_of(controller, stated)
+    options = options_of(controller, raw_options)
     sign = controller.sign_of(options)
     if bands is None:
         table, complete = _error_table(context, machine_id, question)
-        found = export(controller, table, options)
-        return Exported(controller, sign, table, complete, found)
+        rendered = export(controller, table, options)
+        return Exported(controller, sign, table, complete, rendered)
     return _export_bands(context, machine_id, (controller, options), question, bands)
 
 
@@ -128,20 +128,20 @@ def _export_bands(
     bands = temperature_bands(
         curves_at, {**others, **wanted.from_c}, {**others, **wanted.to_c}, wanted.largest_step_um
     )
-    found: list[BandExport] = []
+    exports: list[BandExport] = []
     tables: list[ErrorTable] = []
     complete, before = True, 0
     for i, band in enumerate(bands):
-        asked = replace(question, temperatures_c=[band.at_c])
-        table, whole = _error_table(context, machine_id, asked)
-        one = export(controller, table, controller.for_band(options, i, before))
-        before += sum(len(held.sides) for held in one.loaded)
+        question_of_band = replace(question, temperatures_c=[band.at_c])
+        table, whole = _error_table(context, machine_id, question_of_band)
+        rendered = export(controller, table, controller.for_band(options, i, before))
+        before += sum(len(curve.sides) for curve in rendered.loaded)
         tables.append(table)
         complete = complete and whole
-        found.append(BandExport(band, f"band-{i + 1:02d}", one))
+        exports.append(BandExport(band, f"band-{i + 1:02d}", rendered))
     sign = controller.sign_of(options)
-    joint = controller.joint([one.found.files for one in found], options)
-    return Exported(controller, sign, tables[0], complete, _joined(found, joint), found)
+    joint = controller.joint([band_export.found.files for band_export in exports], options)
+    return Exported(controller, sign, tables[0], complete, _joined(exports, joint), exports)
 
 
 def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
@@ -149,10 +149,10 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
     not_held: dict[tuple[str, str], NotHeld] = {}
     resampled: dict[str, Resampled] = {}
     for band in bands:
-        for one in band.found.not_held:
-            known = not_held.setdefault((one.component, one.why), one)
-            if one.largest > known.largest:
-                not_held[one.component, one.why] = one
+        for omission in band.found.not_held:
+            largest = not_held.setdefault((omission.component, omission.why), omission)
+            if omission.largest > largest.largest:
+                not_held[omission.component, omission.why] = omission
         for other in band.found.resampling:
             last = resampled.setdefault(other.component, other)
             if abs(other.difference.largest) > abs(last.difference.largest):
@@ -166,7 +166,7 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
                 for file in band.found.files
             ),
         ],
-        not_held=sorted(not_held.values(), key=lambda one: -one.largest),
+        not_held=sorted(not_held.values(), key=lambda omission_: -omission_.largest),
         resampling=list(resampled.values()),
         check=[],
         warnings=[
@@ -196,7 +196,7 @@ def writable_components(context: Context, machine_id: str, controller: Format) -
 
 
 def parse_files(
-    controller_name: str, files: Sequence[ControllerFile], stated: Mapping[str, Any]
+    controller_name: str, files: Sequence[ControllerFile], raw_options: Mapping[str, Any]
 ) -> tuple[Format, Options, Parsed]:
     """Read a controller's files.
 
@@ -206,7 +206,7 @@ def parse_files(
         If there is no such format, an option is wrong, or a file would be read wrongly.
     """
     controller = format_named(controller_name)
-    options, parsed = read_files(controller, files, stated)
+    options, parsed = read_files(controller, files, raw_options)
     return controller, options, parsed
 
 
@@ -215,7 +215,7 @@ def compare_files(
     machine_id: str,
     controller_name: str,
     files: Sequence[ControllerFile],
-    stated: Mapping[str, Any],
+    raw_options: Mapping[str, Any],
     question: FieldQuestion,
 ) -> Compared:
     """Compare what a controller holds with what it should hold.
@@ -230,16 +230,16 @@ def compare_files(
     UnknownThing, NoReading, InvalidContent
         As `ask_field`, `parse_files` and `compare`.
     """
-    controller, options, held = parse_files(controller_name, files, stated)
+    controller, options, loaded = parse_files(controller_name, files, raw_options)
     table, complete = _error_table(context, machine_id, question)
-    return Compared(controller, table, complete, compare(controller, table, held, options))
+    return Compared(controller, table, complete, compare(controller, table, loaded, options))
 
 
 def _error_table(
     context: Context, machine_id: str, question: FieldQuestion
 ) -> tuple[ErrorTable, bool]:
     """Give a machine's errors at one thermal state, and whether all of them are there."""
-    asked = ask_field(context, machine_id, question, needed=())
-    (table,) = asked.tables
-    found = ErrorTable.of(table, asked.machine, asked.field, question.tool_offset_mm)
-    return found, table.complete
+    answer = ask_field(context, machine_id, question, needed=())
+    (table,) = answer.tables
+    error_table = ErrorTable.of(table, answer.machine, answer.field, question.tool_offset_mm)
+    return error_table, table.complete

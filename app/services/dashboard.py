@@ -130,16 +130,16 @@ def show_machine_views(context: Context) -> list[MachineView]:
 def _courses(context: Context, live: LiveMachine) -> dict[str, Course]:
     machine = live.current.model.machine
     record = live.readings.record(machine)
-    found = {}
+    courses = {}
     for name, sensor in machine.sensors.items():
         times_s, values = record.history.series(name)
         ages_s = times_s - context.now().timestamp()
         recent, believed = ages_s >= -COURSE_S, record.are_believed(name)
-        own, rejected = recent & believed, recent & ~believed
-        found[name] = Course(
-            ages_s[own], values[own], sensor.max_age_s, ages_s[rejected], values[rejected]
+        usable, rejected = recent & believed, recent & ~believed
+        courses[name] = Course(
+            ages_s[usable], values[usable], sensor.max_age_s, ages_s[rejected], values[rejected]
         )
-    return found
+    return courses
 
 
 def _curves(table: CompensationTable) -> Iterator[Curve]:

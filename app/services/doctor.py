@@ -112,7 +112,7 @@ def trouble(about: str, sentence: str) -> Finding:
 def worst(findings: Iterable[Finding]) -> Grade:
     """Give the worst grade; `ok` where there is nothing."""
     order = list(Grade)
-    return max((one.grade for one in findings), key=order.index, default=Grade.OK)
+    return max((finding.grade for finding in findings), key=order.index, default=Grade.OK)
 
 
 def examine_database(database_url: str) -> Iterator[Finding]:
@@ -148,9 +148,11 @@ def _examine(database: Database) -> Iterator[Finding]:
             "database", f"{name} is reachable, but holds nothing of thermap: is it the right one?"
         )
         return
-    found = damage(database)
-    if found:
-        yield trouble("database", f"{name} is damaged, restore a backup: {'; '.join(found[:3])}.")
+    problems = damage(database)
+    if problems:
+        yield trouble(
+            "database", f"{name} is damaged, restore a backup: {'; '.join(problems[:3])}."
+        )
     else:
         whole = ", and all of it was read without an error" if database.is_sqlite else ""
         yield ok("database", f"{name} is reachable{whole}.")
@@ -175,16 +177,16 @@ def examine_machines(statuses: Iterable[Judged]) -> Iterator[Finding]:
     A machine that has no model or no reading yet is being set up, and no trouble.
     """
     trusted = total = 0
-    for one in statuses:
+    for status in statuses:
         total += 1
-        if one.verdict == "trusted":
+        if status.verdict == "trusted":
             trusted += 1
             continue
-        reason = next(iter(one.sentences), one.state)
+        reason = next(iter(status.sentences), status.state)
         say = warning
-        if one.verdict == "not-trusted" and one.state not in ("no-model", "no-reading"):
+        if status.verdict == "not-trusted" and status.state not in ("no-model", "no-reading"):
             say = trouble
-        yield say(f"machine {one.machine}", reason)
+        yield say(f"machine {status.machine}", reason)
     if trusted:
         yield ok("machines", f"{trusted} of {counted(total, 'machine')} can be trusted now.")
     elif not total:
@@ -237,11 +239,11 @@ def examine_disk(about: str, free_bytes: int, taken_bytes: int | None = None) ->
 
 
 def _space(database: Database) -> Finding:
-    found = space(database)
-    if found.free_bytes is None:
-        taken = f"The database takes {found.taken_bytes / 1e6:,.0f} MB"
+    sizes = space(database)
+    if sizes.free_bytes is None:
+        taken = f"The database takes {sizes.taken_bytes / 1e6:,.0f} MB"
         return ok("disk", f"{taken}; how much its server's disk has left is not known here.")
-    return examine_disk("disk", found.free_bytes, found.taken_bytes)
+    return examine_disk("disk", sizes.free_bytes, sizes.taken_bytes)
 
 
 def _clock(database: Database) -> Iterator[Finding]:
@@ -274,14 +276,14 @@ def _analyses(database: Database) -> Iterator[Finding]:
     another's; so nothing is said of it before a service would have taken it up again.
     """
     with database.reading() as session:
-        found = queue(session)
-    stuck, watched_s = dict(found.running), 0.0
+        jobs = queue(session)
+    stuck, watched_s = dict(jobs.running), 0.0
     while stuck and watched_s < GONE_S:
         sleep(BEAT_S)
         watched_s += BEAT_S
         with database.reading() as session:
-            found = queue(session)
-        stuck = {n: beats for n, beats in stuck.items() if found.running.get(n) == beats}
+            jobs = queue(session)
+        stuck = {n: beats for n, beats in stuck.items() if jobs.running.get(n) == beats}
     if stuck:
         them = "them" if len(stuck) > 1 else "it"
         yield trouble(
@@ -290,27 +292,27 @@ def _analyses(database: Database) -> Iterator[Finding]:
             f"was no sign of life, and no service took {them} up again; one that starts does.",
         )
         return
-    if _waits_long(found) and not found.running:
+    if _waits_long(jobs) and not jobs.running:
         sleep(BEAT_S)  # what is taken up again was asked for long ago, and waits for a moment
         with database.reading() as session:
-            found = queue(session)
-    yield _waiting(found)
+            jobs = queue(session)
+    yield _waiting(jobs)
 
 
-def _waiting(found: Queue) -> Finding:
-    words = f"{counted(found.waiting, 'analysis', 'analyses')} waiting"
-    if found.running or not _waits_long(found):
-        words = f"{counted(len(found.running), 'analysis', 'analyses')} running, {words}"
-    if _waits_long(found) and found.oldest_at is not None:
-        words = f"{words}, the oldest for {_span(utc_now() - found.oldest_at)}"
+def _waiting(jobs: Queue) -> Finding:
+    words = f"{counted(jobs.waiting, 'analysis', 'analyses')} waiting"
+    if jobs.running or not _waits_long(jobs):
+        words = f"{counted(len(jobs.running), 'analysis', 'analyses')} running, {words}"
+    if _waits_long(jobs) and jobs.oldest_at is not None:
+        words = f"{words}, the oldest for {_span(utc_now() - jobs.oldest_at)}"
         # While one runs somebody does work: then it is only the queue that is long.
-        end = "." if found.running else ": does a service run?"
+        end = "." if jobs.running else ": does a service run?"
         return warning("analyses", f"{words}{end}")
     return ok("analyses", f"{words}.")
 
 
-def _waits_long(found: Queue) -> bool:
-    return found.oldest_at is not None and utc_now() - found.oldest_at > LONG_WAIT
+def _waits_long(jobs: Queue) -> bool:
+    return jobs.oldest_at is not None and utc_now() - jobs.oldest_at > LONG_WAIT
 
 
 def _statuses(database: Database) -> Iterator[Judged]:
@@ -325,8 +327,8 @@ def _statuses(database: Database) -> Iterator[Judged]:
         except ThermapError as error:
             yield _NotJudged(name, [f"{capitalised(error.detail)}."])
     if len(names) > MOST_MACHINES:
-        left = counted(len(names) - MOST_MACHINES, "machine")
-        yield _NotJudged(f"{names[MOST_MACHINES]} and after", [f"{left} not looked at."], "limited")
+        rest = counted(len(names) - MOST_MACHINES, "machine")
+        yield _NotJudged(f"{names[MOST_MACHINES]} and after", [f"{rest} not looked at."], "limited")
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,23 +102,25 @@ def store_error_maps(
 ) -> list[StoredOnce]:
     """Store several maps of one machine, all of them or none; each as `store_error_map`."""
     with changing_machine(context, machine_id) as change:
-        return [_store(context, change, one, accept_losses) for one in error_maps]
+        return [_store(context, change, error_map, accept_losses) for error_map in error_maps]
 
 
 def _store(
     context: Context, change: MachineChange, error_map: ErrorMap, accept_losses: bool
 ) -> StoredOnce:
-    known = _known(change, error_map)
-    said = _remarks(change, error_map)
-    if known is not None:
-        made = None
-        if change.waiting and _has(change.waiting, known) and not _has(change.version, known):
-            made = activate_waiting(context, change, accept_losses=accept_losses)
-        return StoredOnce(known, change.machine, False, _has(change.version, known), made, said)
+    same_map = _same_map(change, error_map)
+    remarks = _remarks(change, error_map)
+    if same_map is not None:
+        new_version = None
+        if change.waiting and _has(change.waiting, same_map) and not _has(change.version, same_map):
+            new_version = activate_waiting(context, change, accept_losses=accept_losses)
+        return StoredOnce(
+            same_map, change.machine, False, _has(change.version, same_map), new_version, remarks
+        )
     _check(context, change, error_map)
     stored = insert_error_map(change.session, change.row.id, error_map, context.now())
-    made = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
-    return StoredOnce(stored, change.machine, True, made.is_active, made, said)
+    new_version = make_version(context, change, _draft(change, stored), accept_losses=accept_losses)
+    return StoredOnce(stored, change.machine, True, new_version.is_active, new_version, remarks)
 
 
 def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) -> Preview:
@@ -130,7 +132,7 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
         As `store_error_map`.
     """
     with reading_machine(context, machine_id) as change:
-        if _known(change, error_map) is not None:
+        if _same_map(change, error_map) is not None:
             known = preview_latest(context, change, f"map {error_map.label!r} is there already")
             return replace(known, remarks=_remarks(change, error_map))
         _check(context, change, error_map)
@@ -140,14 +142,14 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
         return replace(preview, remarks=_remarks(change, error_map))
 
 
-def _known(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
+def _same_map(change: MachineChange, error_map: ErrorMap) -> StoredMap | None:
     """Find the stored map that says the same; Conflict for another of its label."""
-    known = find_error_map_by_label(change.session, change.row.id, error_map.label)
-    if known is None or same_content(known.error_map, error_map):
-        return known
+    same_named = find_error_map_by_label(change.session, change.row.id, error_map.label)
+    if same_named is None or same_content(same_named.error_map, error_map):
+        return same_named
     raise Conflict(
         f"machine {change.row.id!r} has another error map {error_map.label!r} "
-        f"(number {known.id}); choose another label, or delete that map first"
+        f"(number {same_named.id}); choose another label, or delete that map first"
     )
 
 
@@ -169,7 +171,7 @@ def _draft(change: MachineChange, stored: StoredMap) -> Draft:
 def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
     machine = change.machine
-    found = [
+    remarks = [
         *_doubted_units(error_map),
         *_doubted_signs(change.latest, error_map),
         *doubted_temperatures(
@@ -180,10 +182,10 @@ def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     ]
     for sensor in machine.sensors.values():
         stand_in = sensor.stand_in
-        known = error_map.temperatures_c
-        if stand_in and sensor.name in known and stand_in not in known:
-            found.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
-    return found
+        temperatures_c = error_map.temperatures_c
+        if stand_in and sensor.name in temperatures_c and stand_in not in temperatures_c:
+            remarks.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
+    return remarks
 
 
 def _doubted_units(error_map: ErrorMap) -> list[str]:
@@ -191,16 +193,17 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
 
     A map is not refused for it: a machine may be better, worse or hotter than any that we know.
     """
-    found = []
+    remarks = []
     t_c = list(error_map.temperatures_c.values())
     low, high = WORKSHOP_F
     if t_c and all(low <= t <= high for t in t_c):
         to_c = TemperatureUnit.FAHRENHEIT.to_c
-        stated, meant = f"{min(t_c):g}", f"{to_c(min(t_c)):.1f}"
+        as_written, meant = f"{min(t_c):g}", f"{to_c(min(t_c)):.1f}"
         if max(t_c) > min(t_c):
-            stated, meant = f"{stated} to {max(t_c):g}", f"{meant} to {to_c(max(t_c)):.1f}"
-        found.append(
-            f"its temperatures are {stated} °C: are they in °F? Then they are {meant} °C, and are "
+            as_written, meant = f"{as_written} to {max(t_c):g}", f"{meant} to {to_c(max(t_c)):.1f}"
+        remarks.append(
+            f"its temperatures are {as_written} °C: are they in °F? Then they are {meant} °C, and "
+            "are "
             "to be stated so"
         )
     lengths = [
@@ -211,8 +214,8 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
         if errors is not None
     ]
     if lengths:
-        found += suspiciously_small("errors_um", np.concatenate(lengths))
-    return found
+        remarks += suspiciously_small("errors_um", np.concatenate(lengths))
+    return remarks
 
 
 def _doubted_signs(version: ModelVersion | None, error_map: ErrorMap) -> list[str]:
@@ -235,7 +238,7 @@ def _doubted_signs(version: ModelVersion | None, error_map: ErrorMap) -> list[st
 
 def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[str]:
     """Say what is unusual about tables on this machine's axes."""
-    found = []
+    remarks = []
     alone = []
     for table in tables:
         code = table.component.code
@@ -246,14 +249,14 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
         if first == last:
             alone.append(code)
         elif travel is not None and (first < travel.min_mm or last > travel.max_mm):
-            found.append(
+            remarks.append(
                 f"{code} has positions from {first:g} to {last:g} mm, beyond the axis' travel of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm"
             )
         elif travel is not None and last - first < SHORT_SHARE_OF_TRAVEL * (
             travel.max_mm - travel.min_mm
         ):
-            found.append(
+            remarks.append(
                 f"{code} covers {first:g} to {last:g} mm of an axis of {travel.min_mm:g} to "
                 f"{travel.max_mm:g} mm: are its positions in mm?"
             )
@@ -264,8 +267,8 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
             if several
             else ("has one position: its error counts")
         )
-        found.append(f"{list_names(alone)} {words} as the same on the whole axis")
-    return found
+        remarks.append(f"{list_names(alone)} {words} as the same on the whole axis")
+    return remarks
 
 
 def _check_time(context: Context, error_map: ErrorMap) -> None:
@@ -291,14 +294,17 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
         if state.health is not Health.OK
     ]
     errors += [
-        FieldError(f"components.{i}.{name}", said)
+        FieldError(f"components.{i}.{name}", problem)
         for i, table in enumerate(error_map.tables.values())
-        for name, stated in (
+        for name, values in (
             (table.component.input_field, table.errors),
             (table.backward_field, table.backward_errors),
         )
-        if stated is not None
-        and (said := impossible_error(table.component, stated) or _positions_instead(table, stated))
+        if values is not None
+        and (
+            problem := impossible_error(table.component, values)
+            or _positions_instead(table, values)
+        )
     ]
     errors += _in_another_unit(machine, list(error_map.tables.values()))
     axes = {*machine.chain.axes, None}
@@ -316,10 +322,10 @@ def _check_fits(machine: Machine, error_map: ErrorMap) -> None:
         raise InvalidContent("; ".join(e.message for e in errors), errors)
 
 
-def _positions_instead(table: ComponentTable, stated: FloatArray) -> str:
+def _positions_instead(table: ComponentTable, errors: FloatArray) -> str:
     """Say that lengths are measured positions; empty if not."""
     is_length = table.component.is_table and table.component.unit is Unit.UM
-    return positions_for_errors(table.positions_mm, stated) if is_length else ""
+    return positions_for_errors(table.positions_mm, errors) if is_length else ""
 
 
 def _in_another_unit(machine: Machine, tables: Sequence[ComponentTable]) -> Iterator[FieldError]:
@@ -332,7 +338,7 @@ def _in_another_unit(machine: Machine, tables: Sequence[ComponentTable]) -> Iter
             if (unit := travel.unit_meant(table.positions_mm.tolist())) is not None
         }
         for unit in sorted(set(units.values())):
-            numbers = [i for i, one in units.items() if one == unit]
+            numbers = [i for i, its_unit in units.items() if its_unit == unit]
             places = np.concatenate([tables[i].positions_mm for i in numbers])
             codes = list_names(tables[i].component.code for i in numbers)
             yield FieldError(

@@ -106,7 +106,7 @@ class FleetView:
     @property
     def is_going_on(self) -> bool:
         """Whether it will say more without anybody asking for more."""
-        return any(one.is_going_on for one in self.members) or self.tried < self.wanted
+        return any(member.is_going_on for member in self.members) or self.tried < self.wanted
 
 
 def likeness_of(machine: Machine) -> Likeness:
@@ -117,21 +117,23 @@ def likeness_of(machine: Machine) -> Likeness:
 
 def analyse_fleet(context: Context, question: FleetQuestion) -> FleetView:
     """Ask for the analyses that are missing, and for those again that failed or were cancelled."""
-    asked = [one for one in _members(context, question) if one.is_to_be_asked]
-    return _after(context, question, asked, _ask)
+    to_ask = [member for member in _members(context, question) if member.is_to_be_asked]
+    return _after(context, question, to_ask, _ask)
 
 
 def cancel_fleet(context: Context, question: FleetQuestion) -> FleetView:
     """Cancel those of its analyses that wait or run, whoever asked for them."""
-    going_on = [one for one in _members(context, question) if one.is_going_on]
+    going_on = [member for member in _members(context, question) if member.is_going_on]
     # What waits first: else each that is cancelled would let another one begin.
-    going_on.sort(key=lambda one: one.job is not None and one.job.status is AnalysisStatus.RUNNING)
+    going_on.sort(
+        key=lambda item: item.job is not None and item.job.status is AnalysisStatus.RUNNING
+    )
     return _after(context, question, going_on, _cancel)
 
 
 def _members(context: Context, question: FleetQuestion) -> list[FleetMember]:
     with context.database.reading() as session:
-        return [_member(session, one, question) for one in list_machines(session)]
+        return [_member(session, machine, question) for machine in list_machines(session)]
 
 
 @repeated
@@ -139,10 +141,10 @@ def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
     """Ask for a machine's analysis, unless somebody else did meanwhile."""
     with context.database.writing() as session:
         stored = stored_machine(find_machine(session, machine_id, RowLock.CHANGED))
-        one = _member(session, stored, question)
-        if stored.active_version is None or not one.is_to_be_asked:
+        member = _member(session, stored, question)
+        if stored.active_version is None or not member.is_to_be_asked:
             return False
-        task = _task(stored.active_version, one.verifications, question)
+        task = _task(stored.active_version, member.verifications, question)
         queue_analysis(context, session, machine_id, task)
         return True
 
@@ -150,10 +152,10 @@ def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
 def _cancel(context: Context, machine_id: str, question: FleetQuestion) -> bool:
     """Cancel a machine's analysis, unless it ended meanwhile."""
     with context.database.reading() as session:
-        one = _member(session, stored_machine(find_machine(session, machine_id)), question)
-    if one.job is None or not one.is_going_on:
+        member = _member(session, stored_machine(find_machine(session, machine_id)), question)
+    if member.job is None or not member.is_going_on:
         return False
-    cancel_analysis(context, machine_id, one.job.id)
+    cancel_analysis(context, machine_id, member.job.id)
     return True
 
 
@@ -167,12 +169,12 @@ def _after(
     done: list[str] = []
     refused: dict[str, str] = {}
     is_full = False
-    for one in members:
+    for member in members:
         try:
-            if act(context, one.id, question):
-                done.append(one.id)
+            if act(context, member.id, question):
+                done.append(member.id)
         except ThermapError as error:
-            refused[one.id] = error.detail
+            refused[member.id] = error.detail
             is_full = is_full or isinstance(error, QueueFull)
     return replace(show_fleet(context, question), done=done, refused=refused, queue_full=is_full)
 
@@ -186,16 +188,16 @@ def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
     with context.database.reading() as session:
         stored = list_machines(session)
         watched = watch_statuses(session)
-        members = [_member(session, one, question) for one in stored]
-        if any(one.is_going_on for one in members):
+        members = [_member(session, member, question) for member in stored]
+        if any(member.is_going_on for member in members):
             return FleetView(members)
         judged = [
-            _judged(session, own, one, watched.get(one.id))
-            for one, own in zip(members, stored, strict=True)
+            _judged(session, own, member, watched.get(member.id))
+            for member, own in zip(members, stored, strict=True)
         ]
     wanted = trials(judged)
-    by_id = {one.id: one for one in members}
-    models = {one.machine.id: one.active_version for one in stored}
+    by_id = {member.id: member for member in members}
+    models = {machine.machine.id: machine.active_version for machine in stored}
     until = monotonic() + TRYING_S
     tried: dict[Trial, TriedEffect | None] = {}
     for trial in wanted:
@@ -214,20 +216,20 @@ def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
                 context.tried.clear()
             context.tried[key] = _try(context, trial, by_id[trial.on], len(wanted))
         tried[trial] = context.tried[key]
-    found = {trial: result for trial, result in tried.items() if result is not None}
-    return FleetView(members, len(wanted), len(wanted), judge_fleet(judged, found))
+    answers = {trial: result for trial, result in tried.items() if result is not None}
+    return FleetView(members, len(wanted), len(wanted), judge_fleet(judged, answers))
 
 
-def _member(session: Session, one: StoredMachine, question: FleetQuestion) -> FleetMember:
-    machine = one.machine
-    if one.active_version is None:
+def _member(session: Session, stored: StoredMachine, question: FleetQuestion) -> FleetMember:
+    machine = stored.machine
+    if stored.active_version is None:
         return FleetMember(machine.id, machine.name, (), None, "it has no model yet")
     numbers = [v.id for v in list_verifications(session, machine.id)]
     if not numbers:
         why_not = "no check of it is stored"
         return FleetMember(machine.id, machine.name, (), None, why_not)
-    asked = _task(one.active_version, numbers, question)
-    same = [job for job in list_analyses(session, machine.id) if _is_same(job.task, asked)]
+    task = _task(stored.active_version, numbers, question)
+    same = [job for job in list_analyses(session, machine.id) if _is_same(job.task, task)]
     serving = [job for job in same if job.status in (*GOING_ON, AnalysisStatus.DONE)]
     job = next(iter(reversed(serving)), next(iter(reversed(same)), None))
     return FleetMember(machine.id, machine.name, numbers, job)
@@ -237,12 +239,12 @@ def _task(version: int, verifications: Sequence[int], question: FleetQuestion) -
     return AnalysisTask(version, verifications, question.holdout_fraction, question.kinds, SEED)
 
 
-def _is_same(one: AnalysisTask, other: AnalysisTask) -> bool:
+def _is_same(first: AnalysisTask, other: AnalysisTask) -> bool:
     """Say whether two ask the same, in whatever order."""
-    kinds = [None if task.kinds is None else set(task.kinds) for task in (one, other)]
-    verifications = [set(task.verification_ids) for task in (one, other)]
+    kinds = [None if task.kinds is None else set(task.kinds) for task in (first, other)]
+    verifications = [set(task.verification_ids) for task in (first, other)]
     return (
-        (one.model_version, one.holdout_fraction, one.seed)
+        (first.model_version, first.holdout_fraction, first.seed)
         == (other.model_version, other.holdout_fraction, other.seed)
         and kinds[0] == kinds[1]
         and verifications[0] == verifications[1]

@@ -149,17 +149,19 @@ class DatabaseFollower(Background):
     def _follow_news(self, news: Collection[News]) -> None:
         """Look at what others told of alone."""
         live = self._context.live
-        if any(one.kind is NewsKind.KEYS for one in news):
+        if any(item.kind is NewsKind.KEYS for item in news):
             # First: keys of a machine that was deleted are none for another one of its id.
             self._refresh_keys()
-        if any(one.kind is NewsKind.LOG for one in news):
+        if any(item.kind is NewsKind.LOG for item in news):
             self._context.database.note_log_change()
-        machines = {one.machine_id for one in news if one.kind is NewsKind.MACHINE}
-        touched = machines | {one.machine_id for one in news if one.kind is NewsKind.READINGS}
+        machines = {item.machine_id for item in news if item.kind is NewsKind.MACHINE}
+        touched = machines | {item.machine_id for item in news if item.kind is NewsKind.READINGS}
         if self._unseen is None or not touched:
             live.database.note_answer()
         else:
-            have = {one: stamp for one in machines if (stamp := live.stamp(one)) is not None}
+            have = {
+                machine: stamp for machine in machines if (stamp := live.stamp(machine)) is not None
+            }
             self._pass_over_own()
             with self._context.database.reading(QUESTION) as session:
                 wanted = revisions(session, machines) if machines else {}
@@ -167,8 +169,10 @@ class DatabaseFollower(Background):
             live.database.note_answer()
             self._add(fresh)
             self._load(have, wanted)
-            self._restore(one for id_ in touched if (one := live.get(id_)) is not None)
-            self._unseen.mark_seen((one.number for one in fresh), self._context.now())
+            self._restore(
+                live_machine for id_ in touched if (live_machine := live.get(id_)) is not None
+            )
+            self._unseen.mark_seen((arrival.number for arrival in fresh), self._context.now())
 
     def _pass_over_own(self) -> None:
         """Ask for nothing that this process stored itself: it is in memory already."""
@@ -191,10 +195,10 @@ class DatabaseFollower(Background):
             if have.get(machine_id) != stamp and self._broken.get(machine_id) != stamp:
                 self._load_one(machine_id, have.get(machine_id), stamp)
 
-    def _load_one(self, machine_id: str, known: Stamp | None, stamp: Stamp) -> None:
+    def _load_one(self, machine_id: str, before: Stamp | None, stamp: Stamp) -> None:
         """Load a machine; one that cannot be loaded keeps none of the others from it."""
         live = self._context.live.get(machine_id)
-        if live is not None and known is not None and known[:2] == stamp[:2]:
+        if live is not None and before is not None and before[:2] == stamp[:2]:
             live.expect(stamp[2])  # the model is the same: only readings were withdrawn
             return
         try:

@@ -46,7 +46,7 @@ class NeededComponents:
     @property
     def missing(self) -> list[str]:
         """Those that have to be measured still."""
-        return [one.code for one in self.needed if one.code not in self.in_model]
+        return [component.code for component in self.needed if component.code not in self.in_model]
 
 
 def check_components(
@@ -282,8 +282,8 @@ def assess_accuracy(
     """
     answer = ask_field(context, machine_id, question, orientation=True)
     box, remarks = work_volume(answer, volume)
-    found = volumetric_accuracy(answer.field, box, question.tool_offset_mm)
-    return Accuracy(answer, box, found, [*answer.warnings, *remarks])
+    accuracy = volumetric_accuracy(answer.field, box, question.tool_offset_mm)
+    return Accuracy(answer, box, accuracy, [*answer.warnings, *remarks])
 
 
 def compare_levels(
@@ -307,8 +307,8 @@ def compare_levels(
     """
     answer = ask_field(context, machine_id, question, orientation=False)
     box, remarks = work_volume(answer, volume)
-    found = compensation_levels(answer.field, box, question.tool_offset_mm, points_per_axis)
-    return Levels(answer, box, found, [*answer.warnings, *remarks])
+    levels = compensation_levels(answer.field, box, question.tool_offset_mm, points_per_axis)
+    return Levels(answer, box, levels, [*answer.warnings, *remarks])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -204,8 +204,8 @@ def show_history(
         for name in sensors:
             machine.sensor(name)
         _check_place(machine, place)
-        asked = tuple(sensors) or tuple(machine.sensors)
-        needed = tuple(machine.sensors) if place is not None else asked
+        chosen = tuple(sensors) or tuple(machine.sensors)
+        needed = tuple(machine.sensors) if place is not None else chosen
         bins, notes = _bins(session, machine_id, window, needed, context.now())
         events = list_events(
             session,
@@ -217,13 +217,15 @@ def show_history(
         )
         checks = _checks(session, machine_id, window)
     if residuals:
-        checks = tuple(_with_residuals(context, machine_id, one) for one in checks[-MOST_COMPARED:])
+        checks = tuple(
+            _with_residuals(context, machine_id, check) for check in checks[-MOST_COMPARED:]
+        )
     return History(
         machine_id,
         window.since,
         window.until,
         float(window.width_s),
-        tuple(_course(machine, name, bins[name], window) for name in asked),
+        tuple(_course(machine, name, bins[name], window) for name in chosen),
         None if place is None else _compensation(context, machine_id, place, bins, window),
         checks,
         tuple(events),
@@ -285,8 +287,8 @@ def _bins(
     """
     since, until, width_s = window.since, window.until, window.width_s
     if width_s < MINUTE_S:
-        found = bins_of_readings(session, machine_id, since, until, width_s)
-        return {name: merge_bins(_of(found, name), width_s) for name in sensors}, ()
+        bins = bins_of_readings(session, machine_id, since, until, width_s)
+        return {name: merge_bins(_of(bins, name), width_s) for name in sensors}, ()
     latest = max(hour_of(now - LATEST), hour_of(since))
     hours = binned_hours(
         session,
@@ -307,7 +309,9 @@ def _bins(
         added.append(bins_of_readings(session, machine_id, start, until, MINUTE_S))
     binned = {}
     for name in sensors:
-        parts = np.concatenate([_within(hours[name], window), *(_of(one, name) for one in added)])
+        parts = np.concatenate(
+            [_within(hours[name], window), *(_of(partial, name) for partial in added)]
+        )
         in_order = parts[np.argsort(parts[:, Part.FIRST], kind="stable")]
         binned[name] = merge_bins(in_order, width_s)
     note = (
@@ -317,8 +321,8 @@ def _bins(
     return binned, () if are_few else (note,)
 
 
-def _of(found: Mapping[str, FloatArray], sensor: str) -> FloatArray:
-    return found.get(sensor, np.empty((0, len(Part))))
+def _of(bins_by_sensor: Mapping[str, FloatArray], sensor: str) -> FloatArray:
+    return bins_by_sensor.get(sensor, np.empty((0, len(Part))))
 
 
 def _within(bins: FloatArray, window: _Window) -> FloatArray:
@@ -355,22 +359,22 @@ def _compensation(
     """Compute the compensation of the bins' mean temperatures."""
     component: Component = parse_component(place.component)[0]
     of_bins: dict[float, dict[str, float]] = {}
-    for sensor, own in bins.items():
-        for start, mean in zip(own[:, Part.START], own[:, Part.MEAN], strict=True):
+    for sensor, rows in bins.items():
+        for start, mean in zip(rows[:, Part.START], rows[:, Part.MEAN], strict=True):
             of_bins.setdefault(float(start) + window.width_s / 2.0, {})[sensor] = float(mean)
     readings = [
         Reading(datetime.fromtimestamp(at_s, UTC), temperatures, {})
         for at_s, temperatures in sorted(of_bins.items())
     ]
-    asked = [ErrorQuestion(r.time, component.code, place.position_mm) for r in readings]
+    questions = [ErrorQuestion(r.time, component.code, place.position_mm) for r in readings]
     after_s = tuple(round(r.time.timestamp() - window.origin_s, 3) for r in readings)
     unit = component.unit.symbol
-    if not asked:
+    if not questions:
         return CompensationCourse(component.code, place.position_mm, unit, None, (), (), ())
     try:
-        predicted = predict_errors(context, machine_id, asked, readings=readings)
+        predicted = predict_errors(context, machine_id, questions, readings=readings)
     except (Conflict, InvalidContent) as why:
-        nothing = (None,) * len(asked)
+        nothing = (None,) * len(questions)
         return CompensationCourse(
             component.code, place.position_mm, unit, None, after_s, nothing, (why.detail,)
         )
@@ -390,26 +394,28 @@ def _compensation(
 
 def _with_residuals(context: Context, machine_id: str, mark: CheckMark) -> CheckMark:
     try:
-        left = show_left_of_check(context, machine_id, mark.verification)
+        of_check = show_left_of_check(context, machine_id, mark.verification)
     except UnknownThing:  # deleted meanwhile
         return mark
-    size = None if left.lengths is None else round(left.lengths.rms, 4)
-    return replace(mark, left_um=size, why_not=left.why_not)
+    size = None if of_check.lengths is None else round(of_check.lengths.rms, 4)
+    return replace(mark, left_um=size, why_not=of_check.why_not)
 
 
 def _checks(session: Session, machine_id: str, window: _Window) -> tuple[CheckMark, ...]:
-    found = [
-        one
-        for one in list_verifications(session, machine_id)
-        if window.since <= one.last_at <= window.until
+    verifications = [
+        verification
+        for verification in list_verifications(session, machine_id)
+        if window.since <= verification.last_at <= window.until
     ]
     return tuple(
         CheckMark(
-            one.id,
-            one.label,
-            one.last_at,
-            "not-judged" if one.judgement is None else one.judgement.status,
-            "" if one.judgement is None else one.judgement.summary,
+            verification.id,
+            verification.label,
+            verification.last_at,
+            "not-judged" if verification.judgement is None else verification.judgement.status,
+            "" if verification.judgement is None else verification.judgement.summary,
         )
-        for one in sorted(found, key=lambda one: one.last_at)[-MOST_MARKS:]
+        for verification in sorted(verifications, key=lambda verification_: verification_.last_at)[
+            -MOST_MARKS:
+        ]
     )

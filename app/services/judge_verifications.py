@@ -185,8 +185,8 @@ def _judged_now(
     with context.database.writing() as session:
         find_machine(session, machine_id, RowLock.CHANGED)
         row = find_verification(session, machine_id, verification_id)
-        known = stored_verification(row).judgement
-        if known is None or not known.awaits_readings:
+        judgement = stored_verification(row).judgement
+        if judgement is None or not judgement.awaits_readings:
             return True
         if not judged.still_holds(session, machine_id):
             return False

@@ -100,13 +100,13 @@ class ReadingKeeper(Background):
 
     def _needed_from(self, before: datetime) -> dict[str, datetime]:
         """Say for each machine until when readings go: those of verifications stay."""
-        found = {}
+        needed_from = {}
         with self._context.database.reading(LONG) as session:
             for machine_id in machine_ids(session):
                 first = first_observation(session, machine_id)
                 needed = before if first is None else min(before, first - LOOKED_BACK_ON)
-                found[machine_id] = needed
-        return found
+                needed_from[machine_id] = needed
+        return needed_from
 
     def _drop_months(self, before: datetime) -> None:
         with self._context.database.reading() as session:

@@ -85,7 +85,7 @@ def current_state(
     context: Context,
     machine_id: str,
     live: LiveMachine,
-    stated: Mapping[str, float] | None = None,
+    declared_state: Mapping[str, float] | None = None,
 ) -> CurrentState:
     """Judge the sensors at this moment.
 
@@ -97,28 +97,28 @@ def current_state(
         If the machine has had no reading, or none but such as lie in the future.
     """
     live.advance_to(context.usable_until())
-    held = live.readings.held
-    latest = held.latest
+    window = live.readings.held
+    latest = window.latest
     machine = live.current.model.machine
     if latest is None:
-        raise _no_reading(context, machine_id, held)
+        raise _no_reading(context, machine_id, window)
     # One that is ahead by no more than clocks differ is of now.
     age_s = max(0.0, (context.now() - latest.time).total_seconds())
     sensors = grow_older(machine, live.readings.judge(machine), age_s)
     current, past, time_s = live.current, live.past.now, latest.time.timestamp()
     moment = None
     if current.effects:
-        states = past.states_at(time_s) | dict(stated or {})
+        states = past.states_at(time_s) | dict(declared_state or {})
         moment = _moment(time_s, sensors, states, past.lags)
         sensors = faulty_marked(current.model, current.effects, moment, sensors)
     trouble = context.live.database.trouble
     facts = [(s.sensor, s.health, s.temperature_c) for s in sensors]
-    ahead = (len(held.ahead), held.more_ahead, held.ahead and _between(held.ahead))
-    early = [(reading.time, reading.early_s) for reading in held.early]
+    ahead = (len(window.ahead), window.more_ahead, window.ahead and _between(window.ahead))
+    early = [(reading.time, reading.early_s) for reading in window.early]
     facts_of_all = (current.stamp, current.version, latest, facts, trouble, _driving(moment))
     tag = blake2s(repr((*facts_of_all, ahead, early)).encode(), digest_size=12).hexdigest()
     return CurrentState(
-        current, latest, age_s, sensors, moment, held.ahead, held.more_ahead, held.early, tag
+        current, latest, age_s, sensors, moment, window.ahead, window.more_ahead, window.early, tag
     )
 
 
@@ -245,10 +245,10 @@ def _between(readings: Sequence[Reading]) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _no_reading(context: Context, machine_id: str, held: HeldReadings) -> NoReading:
-    if not held.ahead:
+def _no_reading(context: Context, machine_id: str, window: HeldReadings) -> NoReading:
+    if not window.ahead:
         return NoReading(f"machine {machine_id!r} has no reading yet, store one first")
-    (warning,) = ahead_warnings(held.ahead, more_ahead=held.more_ahead)
+    (warning,) = ahead_warnings(window.ahead, more_ahead=window.more_ahead)
     return NoReading(
         f"machine {machine_id!r} has no reading that can be used yet, at "
         f"{exact_time(context.now())}: {warning}"

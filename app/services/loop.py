@@ -116,17 +116,17 @@ def show_left_of_check(context: Context, machine_id: str, verification_id: int) 
         If there is no such machine or verification.
     """
     try:
-        shown = show_residuals(context, machine_id, [verification_id])
+        residuals = show_residuals(context, machine_id, [verification_id])
     except (InvalidContent, Conflict) as error:
         return LeftOfCheck(None, error.detail)
-    return LeftOfCheck(shown.report.overall)
+    return LeftOfCheck(residuals.report.overall)
 
 
 def _chosen(
     session: Session, machine_id: str, analyses: Sequence[StoredAnalysis], number: int | None
 ) -> tuple[StoredAnalysis | None, Analysis | None]:
     if number is None:
-        unfinished = [one.id for one in analyses if one.status in UNFINISHED]
+        unfinished = [analysis.id for analysis in analyses if analysis.status in UNFINISHED]
         number = next(iter(unfinished), analyses[-1].id if analyses else None)
     if number is None:
         return None, None

@@ -93,9 +93,9 @@ def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[Stor
     """Read one map, and whether the active model contains it."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
-        found = stored_map(find_error_map(session, machine_id, map_id))
+        error_map = stored_map(find_error_map(session, machine_id, map_id))
         version = active_version(session, row)
-        return found, bool(version and any(m.id == map_id for m in version.maps))
+        return error_map, bool(version and any(m.id == map_id for m in version.maps))
 
 
 def show_models(
@@ -113,8 +113,8 @@ def show_model(
     """Read one model version, and the numbers of the active and of the waiting one."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
-        found = find_version(session, machine_id, version)
-        return found, row.active_version, row.waiting_version
+        model_version = find_version(session, machine_id, version)
+        return model_version, row.active_version, row.waiting_version
 
 
 def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithEffects:
@@ -129,8 +129,8 @@ def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithE
     """
     with context.database.reading() as session:
         machine = stored_machine(find_machine(session, machine_id)).machine
-        found = find_version(session, machine_id, version)
-    return ModelWithEffects(compile_version(machine, found), adopted_effects(found))
+        model_version = find_version(session, machine_id, version)
+    return ModelWithEffects(compile_version(machine, model_version), adopted_effects(model_version))
 
 
 def show_readings(
@@ -162,13 +162,13 @@ def show_withdrawn_readings(
 
 
 def _spaced(readings: Iterable[Reading], every_s: float, limit: int) -> list[Reading]:
-    kept: list[Reading] = []
+    spaced: list[Reading] = []
     for reading in readings:
-        if not kept or (reading.time - kept[-1].time).total_seconds() >= every_s:
-            kept.append(reading)
-        if len(kept) == limit:
+        if not spaced or (reading.time - spaced[-1].time).total_seconds() >= every_s:
+            spaced.append(reading)
+        if len(spaced) == limit:
             break
-    return kept
+    return spaced
 
 
 @repeated

@@ -33,7 +33,7 @@ class MapsView:
     @property
     def active_version(self) -> ModelVersion | None:
         """The version that tables follow."""
-        return next((one for one in self.versions if one.version == self.active), None)
+        return next((version for version in self.versions if version.version == self.active), None)
 
 
 def show_maps_view(
@@ -55,7 +55,7 @@ def show_maps_view(
     status = status_of(context, live, stored_of_machines(context))
     sensors = tuple(live.current.model.machine.sensors)
     versions, active, waiting = show_models(context, machine_id)
-    numbers = [one.version for one in versions]
+    numbers = [version.version for version in versions]
     if active is None or len(numbers) < 2:
         return MapsView(status, sensors, versions, active, waiting)
     b = b or active

@@ -124,8 +124,8 @@ def map_of_result(
     _check_axes(machine, result)
     label, measured_at, temperatures_c = header.label, header.measured_at, header.temperatures_c
     if label is None or measured_at is None or not temperatures_c:
-        stated = {"label": label, "measured_at": measured_at, "temperatures_c": temperatures_c}
-        lacking = [name for name, value in stated.items() if not value]
+        fields = {"label": label, "measured_at": measured_at, "temperatures_c": temperatures_c}
+        lacking = [name for name, value in fields.items() if not value]
         message = f"expected {list_names(lacking)} for the map that is to be stored, got none"
         raise InvalidContent(message, [FieldError(name, message) for name in lacking])
     return ErrorMap(

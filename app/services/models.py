@@ -180,7 +180,7 @@ def _changes_between(before: CurrentTable, after: CurrentTable) -> PresentChange
     )
 
 
-def compare_now(context: Context, machine_id: str, one: int, other: int) -> PresentChange:
+def compare_now(context: Context, machine_id: str, first: int, other: int) -> PresentChange:
     """Say by how much tables with one version differ from those with another at the latest reading.
 
     Raises
@@ -191,7 +191,7 @@ def compare_now(context: Context, machine_id: str, one: int, other: int) -> Pres
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         machine = stored_machine(row).machine
-        versions = [find_version(session, machine_id, number) for number in (one, other)]
+        versions = [find_version(session, machine_id, number) for number in (first, other)]
     live = context.live.get(machine_id) or load_machine(context, machine_id)
     tables = []
     for version in versions:
@@ -214,9 +214,9 @@ def _with_model(
 ) -> LiveMachine:
     """Set another model beside a machine's readings, with the past that its effects need."""
     other = LiveMachine(_with_other(live.current, model, effects))
-    held = live.readings.held
+    window = live.readings.held
     # A window of its own: what becomes usable meanwhile is the live machine's to take in.
-    other.readings.replace(model.machine, [*held.used, *held.ahead], context.usable_until())
+    other.readings.replace(model.machine, [*window.used, *window.ahead], context.usable_until())
     other.is_behind = False
     if live.past.serves(model.machine, other.current.needed):
         other.past = live.past
@@ -245,16 +245,16 @@ def activate_model(context: Context, machine_id: str, version: int) -> MadeVersi
         If the machine's present sensors no longer fit it.
     """
     with changing_machine(context, machine_id) as change:
-        found = find_version(change.session, machine_id, version)
-        model = compile_version(change.machine, found)
-        after = ModelWithEffects(model, adopted_effects(found))
+        version_to_activate = find_version(change.session, machine_id, version)
+        model = compile_version(change.machine, version_to_activate)
+        after = ModelWithEffects(model, adopted_effects(version_to_activate))
         difference = difference_to_active(context, change, after)
         was_active = change.row.active_version
         if was_active != version:
             activate_version(change.row, version)
-            note_version(context, change, found, was_active, is_active=True)
+            note_version(context, change, version_to_activate, was_active, is_active=True)
         set_waiting(change.row, None)
-    return MadeVersion(found, True, version, difference)
+    return MadeVersion(version_to_activate, True, version, difference)
 
 
 def preview_model_activation(context: Context, machine_id: str, version: int) -> Preview:
@@ -266,8 +266,8 @@ def preview_model_activation(context: Context, machine_id: str, version: int) ->
         As `activate_model`.
     """
     with reading_machine(context, machine_id) as change:
-        found = find_version(change.session, machine_id, version)
-        return preview_activation(context, change, found)
+        version_to_activate = find_version(change.session, machine_id, version)
+        return preview_activation(context, change, version_to_activate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,8 +308,8 @@ def assign_sensors(
     with changing_machine(context, machine_id) as change:
         draft = _draft(change, assignment)
         if draft is not None:
-            made = make_version(context, change, draft, accept_losses=accept_losses)
-            return Assigned(made.version.assignment, made)
+            new_version = make_version(context, change, draft, accept_losses=accept_losses)
+            return Assigned(new_version.version.assignment, new_version)
         waiting = activate_waiting(context, change, accept_losses=accept_losses)
         version = change.latest
         return Assigned(version.assignment if version else {}, waiting)
@@ -336,8 +336,8 @@ def _draft(change: MachineChange, assignment: Mapping[str, str]) -> Draft | None
     base = change.latest
     present = {code for m in (base.maps if base else ()) for code in m.error_map.tables}
     assignment = with_patterns(assignment, present)
-    known = dict(base.assignment) if base else {}
-    if known | dict(assignment) == known:
+    assignment_before = dict(base.assignment) if base else {}
+    if assignment_before | dict(assignment) == assignment_before:
         return None
     named = ", ".join(f"{code} to {sensor}" for code, sensor in assignment.items())
     maps = base.maps if base else []

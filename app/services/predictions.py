@@ -100,13 +100,13 @@ def predict_errors(
     answer = Predictions(version.version, [None] * len(observations), [""] * len(observations))
     for code in dict.fromkeys(o.component for o in observations):
         chosen = np.array([i for i, o in enumerate(observations) if o.component == code])
-        asked = [observations[i] for i in chosen]
-        places = _places(code, asked)
+        questions = [observations[i] for i in chosen]
+        places = _places(code, questions)
         predicted = predict_with_effects(model, effects, places, conditions.take(chosen))
         answer.warnings.extend(_left_out(effects, predicted.missing, code))
         answer.warnings.extend(remark.sentence for remark in predicted.held)
         if code is None:
-            tools = [o.tool_offset_mm for o in asked]
+            tools = [o.tool_offset_mm for o in questions]
             missing = missing_at_points(model, effects, tools)
             if missing and not missing_as_zero:
                 raise missing_refused(model, missing)
@@ -120,16 +120,16 @@ def predict_errors(
     return answer
 
 
-def _places(code: str | None, asked: Sequence[ErrorQuestion]) -> AskedPlaces:
+def _places(code: str | None, questions: Sequence[ErrorQuestion]) -> AskedPlaces:
     """Set observations of one component, or at points, side by side."""
-    points_mm = np.zeros((len(asked), 3))
+    points_mm = np.zeros((len(questions), 3))
     if code is None:
-        points_mm[:] = [o.point_mm for o in asked]
+        points_mm[:] = [o.point_mm for o in questions]
     else:
         along = LINEAR_LETTERS.find(COMPONENTS[code].axis or "x")
-        points_mm[:, along] = [o.position_mm or 0.0 for o in asked]
-    tool_offsets_mm = np.array([o.tool_offset_mm for o in asked], dtype=float)
-    directions = np.array([o.directions for o in asked], dtype=float)
+        points_mm[:, along] = [o.position_mm or 0.0 for o in questions]
+    tool_offsets_mm = np.array([o.tool_offset_mm for o in questions], dtype=float)
+    directions = np.array([o.directions for o in questions], dtype=float)
     return AskedPlaces(code, points_mm, tool_offsets_mm, directions)
 
 
@@ -178,12 +178,12 @@ def _read(
 def _check_positions(machine: Machine, observations: Sequence[ErrorQuestion]) -> None:
     for i, o in enumerate(observations):
         if o.point_mm is not None:
-            asked = dict(zip("xyz", o.point_mm, strict=True))
+            coordinates = dict(zip("xyz", o.point_mm, strict=True))
         elif o.component is not None and COMPONENTS[o.component].axis and o.position_mm is not None:
-            asked = {str(COMPONENTS[o.component].axis): o.position_mm}
+            coordinates = {str(COMPONENTS[o.component].axis): o.position_mm}
         else:
             continue
-        for axis, position in asked.items():
+        for axis, position in coordinates.items():
             travel = machine.axes.get(axis)
             if travel and not travel.min_mm <= position <= travel.max_mm:
                 raise InvalidContent.of_field(
@@ -219,14 +219,14 @@ def _said_to_be_zero(
     """Name the errors that count as zero at points: those that no map or one map only has."""
     unmeasured = [code for code in missing if code not in model.omitted]
     acting = acting_on(effects)
-    found = [
+    zeros = [
         f"counted as zero at points: {code}, {why}"
         for code, why in model.omitted.items()
         if code not in acting
     ]
     if unmeasured:
-        found.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
-    return found
+        zeros.append(f"counted as zero at points, no map has them: {', '.join(unmeasured)}")
+    return zeros
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,19 +274,19 @@ def predict_part(
     """
     question = FieldQuestion([temperatures_c], tool_offset_mm, missing_as_zero=True)
     try:
-        asked = ask_field(context, machine_id, question, orientation=False)
+        field_answer = ask_field(context, machine_id, question, orientation=False)
     except NotEnoughMaps:
         return None
-    if component.code not in asked.field.tables:
+    if component.code not in field_answer.field.tables:
         return None
     if path_mm is None:
-        positions, values = asked.field.tables[component.code]
+        positions, values = field_answer.field.tables[component.code]
         predicted = np.interp(positions_mm, positions, values[0])
-        return PartPrediction(predicted, asked.model_version, list(asked.warnings))
+        return PartPrediction(predicted, field_answer.model_version, list(field_answer.warnings))
     points = np.tile(path_mm, (positions_mm.size, 1))
     points[:, LINEAR_LETTERS.index(str(component.axis))] = positions_mm
-    errors_um, _ = asked.field.at(points, tool_offset_mm)
-    notes = list(asked.warnings)
-    if asked.counted_as_zero:
-        notes.append(f"the prediction counts as zero: {', '.join(asked.counted_as_zero)}")
-    return PartPrediction(errors_um[:, component.row], asked.model_version, notes)
+    errors_um, _ = field_answer.field.at(points, tool_offset_mm)
+    notes = list(field_answer.warnings)
+    if field_answer.counted_as_zero:
+        notes.append(f"the prediction counts as zero: {', '.join(field_answer.counted_as_zero)}")
+    return PartPrediction(errors_um[:, component.row], field_answer.model_version, notes)

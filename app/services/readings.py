@@ -124,7 +124,7 @@ def note_absent(
     now = context.now()
     last = live.last_times({name for _, names in absent for name in names})
     since: dict[str, datetime] = {}
-    for time, names in sorted(absent, key=lambda one: one[0]):
+    for time, names in sorted(absent, key=lambda item: item[0]):
         for name in names:
             if name not in last or time > last[name]:
                 since.setdefault(name, min(time, now))
@@ -216,8 +216,8 @@ def _store_new(
     AccessRefused
         If one of those who want it may not: then neither.
     """
-    found = {b.machine_id: context.live.get(b.machine_id) for b in batches}
-    machines = {m: live for m, live in found.items() if live is not None}
+    live_machines = {b.machine_id: context.live.get(b.machine_id) for b in batches}
+    machines = {m: live for m, live in live_machines.items() if live is not None}
     current = {m: live.current for m, live in machines.items()}
     plain = _plainly_right(context.now(), current, batches)
     if not plain:
@@ -226,20 +226,20 @@ def _store_new(
     wanted = {m: _in_order(chain.from_iterable(parts.values())) for m, parts in plain.items()}
     are_new = all(machines[m].has_none_from(once[0].time) for m, once in wanted.items())
     try:
-        with readings_inserted(context.database, wanted, asked_by, are_new=are_new) as held:
-            if any(current[m].stamp != (row.created_at, row.revision) for m, row in held.items()):
+        with readings_inserted(context.database, wanted, asked_by, are_new=are_new) as rows:
+            if any(current[m].stamp != (row.created_at, row.revision) for m, row in rows.items()):
                 raise _MachineChangedError
             stored = [
                 (batch, once)
                 for machine_id, parts in plain.items()
                 for batch, once in parts.items()
-                if _is_new(once, held.get(machine_id))
+                if _is_new(once, rows.get(machine_id))
             ]
     except IntegrityError:
         raise _PartlyKnownError from None  # stored elsewhere, and not heard of here yet
     until = context.usable_until()
     outcomes = {b: _outcome(len(once), len(b.readings), once, until) for b, once in stored}
-    return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in held.items()}
+    return outcomes, {m: (wanted[m], h.added, h.withdrawals) for m, h in rows.items()}
 
 
 def _plainly_right(
@@ -251,11 +251,11 @@ def _plainly_right(
     """
     plain: dict[str, dict[ReadingBatch, Sequence[Reading]]] = defaultdict(dict)
     for batch in batches:
-        known = current.get(batch.machine_id)
+        live_model = current.get(batch.machine_id)
         by_session = batch.asked_by is not None and batch.asked_by.expires_at is not None
-        if known is None or by_session:
+        if live_model is None or by_session:
             continue
-        once = _as_stored(now, known.model.machine, batch.readings)
+        once = _as_stored(now, live_model.model.machine, batch.readings)
         if once and all(_are_apart(once, other) for other in plain[batch.machine_id].values()):
             plain[batch.machine_id][batch] = once
     return {machine_id: parts for machine_id, parts in plain.items() if parts}
@@ -279,7 +279,7 @@ def _are_apart(once: Sequence[Reading], others: Sequence[Reading]) -> bool:
     return {r.time for r in once}.isdisjoint(r.time for r in others)
 
 
-def _is_new(once: Sequence[Reading], held: HeldMachine | None) -> bool:
+def _is_new(once: Sequence[Reading], row: HeldMachine | None) -> bool:
     """Whether a batch was stored: all of it, or nothing, because it was there or its machine not.
 
     Raises
@@ -287,9 +287,9 @@ def _is_new(once: Sequence[Reading], held: HeldMachine | None) -> bool:
     _PartlyKnownError
         If a part of it was.
     """
-    if held is None or held.added.are_all:
-        return held is not None
-    new = [r.time in held.added.times for r in once]
+    if row is None or row.added.are_all:
+        return row is not None
+    new = [r.time in row.added.times for r in once]
     if any(new) and not all(new):
         raise _PartlyKnownError
     return all(new)
@@ -304,11 +304,11 @@ def _store_alone(context: Context, machine_id: str, readings: Sequence[Reading])
         once = _as_they_arrived(_each_time_once(readings), now)
         added = insert_readings(session, {machine_id: once})[machine_id]
         repeated = [r for r in once if r.time not in added.times]
-        known = find_readings(session, machine_id, [r.time for r in repeated])
+        stored = find_readings(session, machine_id, [r.time for r in repeated])
         for reading in repeated:
             # One that is not known any more was withdrawn in between.
-            if known.get(reading.time, reading) != reading:
-                raise _other_content(known[reading.time], reading)
+            if stored.get(reading.time, reading) != reading:
+                raise _other_content(stored[reading.time], reading)
     _follow(context, machine_id, once, added, row.withdrawals)
     return _outcome(len(added.numbers), len(readings), once, context.usable_until())
 
@@ -330,11 +330,11 @@ def _follow(
         restore_past(context, live)
 
 
-def _outcome(stored: int, stated: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
+def _outcome(stored: int, sent: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
     old = once[: bisect_left(once, until - LONG_AGO, key=_time)]
     ahead = once[bisect_right(once, until, key=_time) :]
     warnings = [*old_warnings(old), *ahead_warnings(ahead)]
-    return StoreOutcome(stored, stated - stored, len(ahead), warnings)
+    return StoreOutcome(stored, sent - stored, len(ahead), warnings)
 
 
 def _as_they_arrived(once: Sequence[Reading], now: datetime) -> Sequence[Reading]:
@@ -382,10 +382,10 @@ def _in_order(readings: Iterable[Reading]) -> list[Reading]:
     return sorted(readings, key=_time)
 
 
-def _other_content(known: Reading, got: Reading) -> Conflict:
+def _other_content(stored: Reading, got: Reading) -> Conflict:
     return Conflict(
         f"the reading of {got.time:%Y-%m-%dT%H:%M:%S.%fZ} is known with other content: "
-        f"{dict(known.temperatures_c)} °C, state {dict(known.state)}; got "
+        f"{dict(stored.temperatures_c)} °C, state {dict(stored.state)}; got "
         f"{dict(got.temperatures_c)} °C, state {dict(got.state)}"
     )
 

@@ -91,14 +91,14 @@ def recorded_changes(
     table, for one moment does not say it.
     """
     machine = after.model.machine
-    used = sorted({g.sensor for one in (before, after) for g in one.model.groups})
+    used = sorted({g.sensor for live_model in (before, after) for g in live_model.model.groups})
     largest: dict[str, ChangeThen] = {}
     times = []
     for moment in _spread(list(_moments(session, machine, until)), used):
         try:
             tables = [
-                table_at(one, moment.temperatures_c, moment.time, state=moment.state)
-                for one in (before, after)
+                table_at(live_model, moment.temperatures_c, moment.time, state=moment.state)
+                for live_model in (before, after)
             ]
         except ThermapError:
             continue  # a sensor was missing then, or the machine's policy has no table there
@@ -109,12 +109,17 @@ def recorded_changes(
                 largest[code] = ChangeThen(change, moment.time, moment.temperatures_c)
     if not times:
         return RecordedChanges()
-    least = {one.component.code: max(CLEARLY * abs(one.change), LEAST) for one in now}
+    least = {
+        change_now.component.code: max(CLEARLY * abs(change_now.change), LEAST)
+        for change_now in now
+    }
     further = [
-        one for code, one in largest.items() if abs(one.change.change) >= least.get(code, LEAST)
+        further_change
+        for code, further_change in largest.items()
+        if abs(further_change.change.change) >= least.get(code, LEAST)
     ]
-    found = sorted(further, key=lambda one: -abs(one.change.change))
-    return RecordedChanges(len(times), min(times), max(times), found)
+    ordered = sorted(further, key=lambda component_change: -abs(component_change.change.change))
+    return RecordedChanges(len(times), min(times), max(times), ordered)
 
 
 def temperatures_then(session: Session, machine: Machine, time: datetime) -> dict[str, float]:
@@ -128,14 +133,14 @@ def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[_M
     if first is None or last is None or last < first:
         return
     at = last
-    for left in range(LOOKED_AT, 0, -1):
+    for remaining in range(LOOKED_AT, 0, -1):
         readings = newest_readings(session, machine.id, at, AROUND)
         if not readings:
             return
         time = readings[-1].time
         yield _Moment(time, _temperatures(machine, readings, time), readings[-1].state)
         # What is left is divided anew each time: a gap in the record takes one moment only.
-        at = time - max((time - first) / left, MOMENT)
+        at = time - max((time - first) / remaining, MOMENT)
 
 
 def _temperatures(

@@ -47,7 +47,7 @@ def chosen_verifications(
     if verification_ids is not None:
         expect_each_once("verifications", verification_ids)
         return verification_ids
-    stored = [one.id for one in list_verifications(session, machine_id)]
+    stored = [verification.id for verification in list_verifications(session, machine_id)]
     if not stored:
         raise InvalidContent.of_field(
             "verifications",
@@ -230,12 +230,14 @@ def compare_models(
 
 def _restricted(residuals: Residuals, common: BoolArray) -> Residuals:
     """Keep the rows, numbered among all, that are common to all versions."""
-    own: BoolArray = common[residuals.kept]
+    is_common: BoolArray = common[residuals.kept]
     before = residuals.projection
-    at = np.flatnonzero(own)
+    at = np.flatnonzero(is_common)
     return replace(
         residuals,
-        projection=Projection(before.model, before.rows.take(own), before.conditions.take(at)),
-        predicted=residuals.predicted[own],
+        projection=Projection(
+            before.model, before.rows.take(is_common), before.conditions.take(at)
+        ),
+        predicted=residuals.predicted[is_common],
         kept=common,
     )

@@ -104,7 +104,7 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         return judge(situation)
     situation = replace(
         situation,
-        sensors=[_with_absence(live, one) for one in state.sensors],
+        sensors=[_with_absence(live, sensor) for sensor in state.sensors],
         record=live.readings.record(machine),
         latest=state.reading.time,
         clocks=early_warnings(state.early),
@@ -133,12 +133,12 @@ def _last_check(figures: WatchFigures | None) -> LastCheck | None:
 
 def _notes(context: Context, live: LiveMachine) -> list[str]:
     """What an operator should know of the database and of clocks, as sentences."""
-    held = live.readings.held
-    said = [
+    window = live.readings.held
+    sentences = [
         *database_warnings(context, live.current),
-        *ahead_warnings(held.ahead, more_ahead=held.more_ahead),
+        *ahead_warnings(window.ahead, more_ahead=window.more_ahead),
     ]
-    return [f"{capitalised(words)}." for words in said]
+    return [f"{capitalised(words)}." for words in sentences]
 
 
 def read_stored(session: Session) -> Stored:

@@ -148,12 +148,12 @@ def show_receivers(context: Context, machine_id: str | None = None) -> Receivers
     """List who is told of alarms; of one machine, or of any."""
     with context.database.reading() as session:
         stored = stored_receivers(session).values()
-    found = [
-        _shown(one, context.now())
-        for one in stored
-        if machine_id is None or not one.machines or machine_id in one.machines
+    receivers = [
+        _as_shown(receiver, context.now())
+        for receiver in stored
+        if machine_id is None or not receiver.machines or machine_id in receiver.machines
     ]
-    return Receivers(tuple(found))
+    return Receivers(tuple(receivers))
 
 
 @repeated
@@ -179,25 +179,25 @@ def ask_for_test_message(context: Context, name: str, seen: Collection[str]) -> 
                 "[[notify]] in the file of `thermap serve --config`"
             )
         ask_for_test(session, name, now)
-    return _shown(replace(stored[name], test_asked_at=now), now)
+    return _as_shown(replace(stored[name], test_asked_at=now), now)
 
 
-def _shown(one: StoredReceiver, now: datetime) -> Receiver:
-    trouble, since = one.failure, one.failing_since
-    if now - one.looked_at > SILENT_AFTER:
-        trouble, since = "no service runs that has it in its file", one.looked_at
+def _as_shown(stored: StoredReceiver, now: datetime) -> Receiver:
+    trouble, since = stored.failure, stored.failing_since
+    if now - stored.looked_at > SILENT_AFTER:
+        trouble, since = "no service runs that has it in its file", stored.looked_at
     return Receiver(
-        one.name,
-        one.service,
-        one.machines,
+        stored.name,
+        stored.service,
+        stored.machines,
         trouble,
         since,
-        one.waiting,
-        one.sent_at,
-        one.sent,
-        one.test_asked_at,
-        one.tested_at,
-        one.test_failure,
+        stored.waiting,
+        stored.sent_at,
+        stored.sent,
+        stored.test_asked_at,
+        stored.tested_at,
+        stored.test_failure,
     )
 
 
@@ -235,11 +235,11 @@ def due_news(
             of_machines[str(alarm.event.machine)].append(alarm)
     due: dict[str, Due] = {}
     undecided: list[int] = []
-    for machine_id, own in of_machines.items():
-        known = announced.get(machine_id)
-        ids = () if known is None else known.alarms
-        lasting = [one.event for one in own if one.event.until is None]
-        gone = [one for one in own if one.event.until is not None]
+    for machine_id, alarms_of_machine in of_machines.items():
+        announced_before = announced.get(machine_id)
+        ids = () if announced_before is None else announced_before.alarms
+        lasting = [one.event for one in alarms_of_machine if one.event.until is None]
+        gone = [one for one in alarms_of_machine if one.event.until is not None]
         fading = [one for one in gone if now - _end(one.event) < COMES_AGAIN_WITHIN]
         unknown = [
             one
@@ -248,13 +248,15 @@ def due_news(
         ]
         old = [e for e in lasting if e.id in ids or _lasted(e, now) >= rules.after]
         if any(event.id not in ids for event in old):
-            due[machine_id] = Due(News.CAME, tuple(old), _known(old, known, now))
-        elif old and known is not None and now - known.at >= rules.repeat_after:
-            due[machine_id] = Due(News.LASTS, tuple(old), _known(old, known, now))
+            due[machine_id] = Due(News.CAME, tuple(old), _announced(old, announced_before, now))
+        elif (
+            old and announced_before is not None and now - announced_before.at >= rules.repeat_after
+        ):
+            due[machine_id] = Due(News.LASTS, tuple(old), _announced(old, announced_before, now))
         elif not lasting and not fading:
             over = tuple(one.event for one in gone if one.event.id in ids)
             passed = tuple(one.event for one in unknown)
-            if known is not None:
+            if announced_before is not None:
                 due[machine_id] = Due(News.OVER, over, None)
             elif passed:
                 due[machine_id] = Due(News.PASSED, passed, None)
@@ -286,10 +288,10 @@ def _lasted(event: Event, now: datetime) -> timedelta:
     return (event.until or now) - event.time
 
 
-def _known(lasting: Sequence[Event], known: Announced | None, now: datetime) -> Announced:
-    ids = {event.id for event in lasting} | set(() if known is None else known.alarms)
+def _announced(lasting: Sequence[Event], before: Announced | None, now: datetime) -> Announced:
+    ids = {event.id for event in lasting} | set(() if before is None else before.alarms)
     since = min(event.time for event in lasting)
-    return Announced(tuple(sorted(ids)), since if known is None else min(since, known.since), now)
+    return Announced(tuple(sorted(ids)), since if before is None else min(since, before.since), now)
 
 
 class ReceiverTelling(Background):
@@ -348,11 +350,11 @@ class ReceiverTelling(Background):
             stored = stored_receivers(session).get(receiver.name) or StoredReceiver(
                 receiver.name, receiver.service, receiver.rules.machines, newest, now - SAID_EVERY
             )
-            ids = [i for one in stored.announced.values() for i in one.alarms]
+            ids = [i for announced in stored.announced.values() for i in announced.alarms]
             return stored, alarms_since(session, stored.settled, ids), newest
 
     def _write(self, receiver: StoredReceiver) -> None:
-        names = {one.name for one in self._receivers}
+        names = {configured.name for configured in self._receivers}
         with self._context.database.writing() as session:
             write_receiver(session, receiver)
             forget_receivers(session, names, receiver.looked_at, FORGOTTEN_AFTER)
@@ -366,8 +368,8 @@ class ReceiverTelling(Background):
         self, receiver: Receives, stored: StoredReceiver, due: Mapping[str, Due], settled: int
     ) -> StoredReceiver:
         rules = receiver.rules
-        told = list(self._told(due, stored.announced))
-        message = alarm_message(told, rules.zone, rules.link)
+        pending_news = list(self._told(due, stored.announced))
+        message = alarm_message(pending_news, rules.zone, rules.link)
         failure = self._try(receiver, message)
         now = self._context.now()
         if failure:
@@ -375,10 +377,10 @@ class ReceiverTelling(Background):
             waiting = tuple(sorted(due))
             return replace(stored, failing_since=since, failure=failure, waiting=waiting)
         announced = dict(stored.announced)
-        for machine_id, one in due.items():
+        for machine_id, due_of_machine in due.items():
             announced.pop(machine_id, None)
-            if one.known is not None:
-                announced[machine_id] = one.known
+            if due_of_machine.known is not None:
+                announced[machine_id] = due_of_machine.known
         return replace(
             stored,
             announced=announced,
@@ -417,19 +419,25 @@ class ReceiverTelling(Background):
         self, due: Mapping[str, Due], announced: Mapping[str, Announced]
     ) -> Iterator[MachineNews]:
         stored = stored_of_machines(self._context)
-        for machine_id, one in due.items():
-            then = [_counted(event) for event in one.alarms][-MOST_SENTENCES:]
-            states = [_state(event) for event in one.alarms]
-            known = announced.get(machine_id)
-            times = [event.time for event in one.alarms] + ([] if known is None else [known.since])
-            is_over = one.known is None
-            until = max(map(_end, one.alarms), default=self._context.now()) if is_over else None
+        for machine_id, due_of_machine in due.items():
+            then = [_counted(event) for event in due_of_machine.alarms][-MOST_SENTENCES:]
+            states = [_state(event) for event in due_of_machine.alarms]
+            announced_before = announced.get(machine_id)
+            times = [event.time for event in due_of_machine.alarms] + (
+                [] if announced_before is None else [announced_before.since]
+            )
+            is_over = due_of_machine.known is None
+            until = (
+                max(map(_end, due_of_machine.alarms), default=self._context.now())
+                if is_over
+                else None
+            )
             status = self._status(machine_id, stored)
             lasts = status is not None and not is_over and status.verdict is not Verdict.TRUSTED
             yield MachineNews(
                 machine_id,
                 machine_id if status is None else status.name,
-                one.news,
+                due_of_machine.news,
                 min(states, key=lambda state: state.gravity, default=State.INCOMPLETE),
                 min(times),
                 until,

@@ -100,8 +100,8 @@ def running_of(
     As stated; else from the last reading before the spindle's first speed above 0 to the last
     with one; else the whole record.
     """
-    times = [one.time.timestamp() for one in recorded]
-    turning = [i for i, one in enumerate(recorded) if one.state.get(SPINDLE_SPEED)]
+    times = [reading.time.timestamp() for reading in recorded]
+    turning = [i for i, reading in enumerate(recorded) if reading.state.get(SPINDLE_SPEED)]
     first = times[max(turning[0] - 1, 0)] if turning else times[0]
     last = times[turning[-1]] if turning else times[-1]
     return (
@@ -135,7 +135,7 @@ def keep_drift(
         If the machine has maps of these components from elsewhere, whose zero is another; as
         the same.
     """
-    states = [_kept(header.label, state, recorded) for state in drift.states]
+    states = [_keep_state(header.label, state, recorded) for state in drift.states]
     for state in drift.states:
         _expect_axes(machine, state)
     wants_maps = storing.store or storing.preview
@@ -145,12 +145,12 @@ def keep_drift(
     if maps:
         if refused:
             raise Conflict(refused)
-        previews = [preview_error_map(context, machine.id, one) for one in maps]
-    verification, kept = None, None
+        previews = [preview_error_map(context, machine.id, error_map) for error_map in maps]
+    verification, stored_verification = None, None
     about: list[str] = []
     if as_verification and not storing.preview:
         verification = _verification(label, drift, nest, recorded, header.repeatability_um)
-        kept = _keep_verification(context, machine, verification, recorded)
+        stored_verification = _keep_verification(context, machine, verification, recorded)
     elif refused and not maps:
         about = [f"maps of its states would be refused: {refused}"]
     if (maps or verification) and _are_both(context, machine, label, states, storing, verification):
@@ -165,13 +165,13 @@ def keep_drift(
         states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
         notes = [*stored[-1].remarks, *about]
         measured = replace(measured, remarks=notes, stored=_last_made(stored))
-    return MeasuredDrift(measured, states, kept)
+    return MeasuredDrift(measured, states, stored_verification)
 
 
 def _last_made(stored: Sequence[StoredOnce]) -> StoredOnce:
     """Give the last map, with the version that was made last."""
-    made = [one.made for one in stored if one.made is not None]
-    return replace(stored[-1], made=made[-1] if made else None)
+    versions = [outcome.made for outcome in stored if outcome.made is not None]
+    return replace(stored[-1], made=versions[-1] if versions else None)
 
 
 def _label(header: MapHeader) -> str:
@@ -180,7 +180,9 @@ def _label(header: MapHeader) -> str:
     return header.label
 
 
-def _kept(label: str | None, state: DriftState, recorded: Sequence[DriftReading]) -> KeptState:
+def _keep_state(
+    label: str | None, state: DriftState, recorded: Sequence[DriftReading]
+) -> KeptState:
     first_s = recorded[0].time.timestamp()
     after_s = state.time_s - first_s
     return KeptState(
@@ -194,17 +196,17 @@ def _kept(label: str | None, state: DriftState, recorded: Sequence[DriftReading]
 
 def _temperatures_at(time_s: float, recorded: Sequence[DriftReading]) -> dict[str, float]:
     """Interpolate each sensor between its readings; one that began later or ended is left out."""
-    found: dict[str, float] = {}
-    for sensor in dict.fromkeys(name for one in recorded for name in one.temperatures_c):
+    temperatures_c: dict[str, float] = {}
+    for sensor in dict.fromkeys(name for reading in recorded for name in reading.temperatures_c):
         rows = [
-            (one.time.timestamp(), one.temperatures_c[sensor])
-            for one in recorded
-            if sensor in one.temperatures_c
+            (reading.time.timestamp(), reading.temperatures_c[sensor])
+            for reading in recorded
+            if sensor in reading.temperatures_c
         ]
         times, values = zip(*rows, strict=True)
         if times[0] <= time_s <= times[-1]:
-            found[sensor] = float(np.interp(time_s, times, values))
-    return found
+            temperatures_c[sensor] = float(np.interp(time_s, times, values))
+    return temperatures_c
 
 
 def _expect_axes(machine: Machine, state: DriftState) -> None:
@@ -244,13 +246,13 @@ def _refused_beside(context: Context, machine: Machine, states: Sequence[KeptSta
     A state's map holds changes since the test began. Beside a map of whole errors, or of another
     test, the difference of the two zeros would be taken for what the temperature does.
     """
-    labels = {one.label for one in states}
+    labels = {state.label for state in states}
     codes = {table.component.code for table in states[-1].tables}
     other = next(
         (
-            one
-            for one in _latest_maps(context, machine)
-            if one.label not in labels and codes & set(one.tables)
+            error_map
+            for error_map in _latest_maps(context, machine)
+            if error_map.label not in labels and codes & set(error_map.tables)
         ),
         None,
     )
@@ -282,7 +284,7 @@ def _are_both(
     """Whether the machine then has maps of the test and its verification, now or from before."""
     if storing.preview:
         return False
-    labels = {one.label for one in states}
+    labels = {state.label for state in states}
     has_maps = storing.store or any(m.label in labels for m in _latest_maps(context, machine))
     if verification is not None or not has_maps:
         return has_maps
@@ -298,21 +300,21 @@ def _verification(
     repeatability_um: float | None,
 ) -> Verification:
     """Write the course as observations of one set-up, zeroed at its first."""
-    if all(not one.temperatures_c for one in recorded):
+    if all(not reading.temperatures_c for reading in recorded):
         raise InvalidContent.of_field(
             "readings",
             "expected temperatures_c beside the displacements for the verification, got none",
         )
-    times = np.array([one.time.timestamp() for one in recorded])
+    times = np.array([reading.time.timestamp() for reading in recorded])
     if drift.targets_mm.size:
-        found = _of_targets(label, drift, recorded, times)
+        observations = _of_targets(label, drift, recorded, times)
     elif nest.point_mm is None:
         raise InvalidContent.of_field(
             "point_mm", "expected where the nest stood in mm for the verification, got none"
         )
     else:
-        found = _at_the_nest(label, drift, nest, nest.point_mm, recorded, times)
-    return Verification(label, tuple(found), Datum.FIRST, repeatability_um)
+        observations = _at_the_nest(label, drift, nest, nest.point_mm, recorded, times)
+    return Verification(label, tuple(observations), Datum.FIRST, repeatability_um)
 
 
 def _of_targets(
@@ -324,11 +326,11 @@ def _of_targets(
     targets nothing was measured but the change.
     """
     rows = {time_s: i for i, time_s in enumerate(times.tolist())}
-    found = []
+    observations = []
     for name, code in drift.components.items():
         for target, course in zip(drift.targets_mm.tolist(), drift.courses[name], strict=True):
             for time_s, value in zip(course.times_s.tolist(), course.values.tolist(), strict=True):
-                found.append(
+                observations.append(
                     Observation(
                         time_s=time_s,
                         measured=(value,),
@@ -338,7 +340,7 @@ def _of_targets(
                         setup=f"{label}, {target:g} mm",
                     )
                 )
-    return sorted(found, key=lambda one: one.time_s)
+    return sorted(observations, key=lambda observation: observation.time_s)
 
 
 def _at_the_nest(
@@ -357,12 +359,12 @@ def _at_the_nest(
     """
     values = {name: of[0].values for name, of in drift.courses.items()}
     has_point = all(name in values for name in LINEAR_LETTERS) and not drift.stated_components
-    found = []
-    for i, one in enumerate(recorded):
-        state = dict(one.state)
+    observations = []
+    for i, reading in enumerate(recorded):
+        state = dict(reading.state)
         if has_point:
             x, y, z = (float(values[name][i]) for name in LINEAR_LETTERS)
-            found.append(
+            observations.append(
                 Observation(
                     time_s=float(times[i]),
                     measured=(x, y, z),
@@ -377,7 +379,7 @@ def _at_the_nest(
             if name not in LINEAR_LETTERS and name not in drift.stated_components:
                 continue
             axis = str(COMPONENTS[code].axis)
-            found.append(
+            observations.append(
                 Observation(
                     time_s=float(times[i]),
                     measured=(float(values[name][i]),),
@@ -387,7 +389,7 @@ def _at_the_nest(
                     setup=label,
                 )
             )
-    return found
+    return observations
 
 
 def _keep_verification(
@@ -399,9 +401,9 @@ def _keep_verification(
     """Store the temperatures as readings, then the verification that is compared at them."""
     check_verification(context, machine.id, verification)
     readings = [
-        Reading(one.time, dict(one.temperatures_c), dict(one.state))
-        for one in recorded
-        if one.temperatures_c
+        Reading(reading.time, dict(reading.temperatures_c), dict(reading.state))
+        for reading in recorded
+        if reading.temperatures_c
     ]
     outcome = store_readings(context, machine.id, readings)
     stored = store_verification(context, machine.id, verification)

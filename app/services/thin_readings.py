@@ -45,7 +45,7 @@ class Thinning:
         spared
             Spans of time, both ends included, in which all are kept.
         """
-        found = []
+        passed_over = []
         for reading in readings:
             self.after = reading.time
             place = reading.time.timestamp() // every_s
@@ -53,9 +53,9 @@ class Thinning:
                 self.place, self.sensors = place, set()
             is_spared = any(first <= reading.time <= last for first, last in spared)
             if not is_spared and self.sensors.issuperset(reading.temperatures_c):
-                found.append(reading.time)
+                passed_over.append(reading.time)
             self.sensors.update(reading.temperatures_c)
-        return found
+        return passed_over
 
 
 class ReadingThinner:
@@ -88,10 +88,10 @@ class ReadingThinner:
             If there is no such machine.
         """
         before = self._context.now() - max(self._after, self._read_again(machine_id))
-        known = self._reached.get(machine_id)
+        thinning = self._reached.get(machine_id)
         going = Thinning(datetime.min.replace(tzinfo=before.tzinfo))
-        if known is not None:
-            going = Thinning(known.after, known.place, set(known.sensors))
+        if thinning is not None:
+            going = Thinning(thinning.after, thinning.place, set(thinning.sensors))
         with self._context.database.writing() as session:
             row = find_machine(session, machine_id, RowLock.KEPT)
             old = readings_after(session, machine_id, going.after, most)

@@ -130,8 +130,8 @@ class Together(Generic[Work]):
                 if is_done:
                     after([one.work for one in group])
             finally:
-                for one in group:
-                    one.end()
+                for wanted_work in group:
+                    wanted_work.end()
 
     def _waits(self, wanted: Wanted[Work]) -> bool:
         with self._guard:
@@ -156,7 +156,7 @@ class Together(Generic[Work]):
                 with self._guard:
                     group += self._waiting
                     self._waiting = []
-            for one in group:
-                one.error = error
+            for wanted_work in group:
+                wanted_work.error = error
             return False
         return True

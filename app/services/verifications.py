@@ -80,18 +80,20 @@ def store_verification(
     Conflict
         If the label names another verification.
     """
-    known = check_verification(context, machine_id, verification)
-    if known is not None:
-        return VerificationStoredOnce(_named(context, machine_id, known, verification), False)
+    stored_before = check_verification(context, machine_id, verification)
+    if stored_before is not None:
+        return VerificationStoredOnce(
+            _named(context, machine_id, stored_before, verification), False
+        )
     judge_awaiting(context, machine_id)  # what was stored before is judged before
     while True:
         judged = judge_verification(context, machine_id, verification)
         with context.database.writing() as session:
             # Under the machine's lock: two of one label, and the watch's sequence, need an order.
             find_machine(session, machine_id, RowLock.CHANGED)
-            known = _known(session, machine_id, verification)
-            if known is not None:
-                return VerificationStoredOnce(known, False)
+            stored_before = _stored_before(session, machine_id, verification)
+            if stored_before is not None:
+                return VerificationStoredOnce(stored_before, False)
             if judged.still_holds(session, machine_id):
                 judged.write(context, session, machine_id)
                 stored = insert_verification(
@@ -125,11 +127,11 @@ def check_verification(
     """
     with context.database.reading() as session:
         machine = stored_machine(find_machine(session, machine_id)).machine
-        known = _known(session, machine_id, verification)
-    if known is None:
+        stored_before = _stored_before(session, machine_id, verification)
+    if stored_before is None:
         _check_times(context, verification)
         check_places(machine, verification.observations)
-    return known
+    return stored_before
 
 
 def remarks_on_verification(
@@ -163,18 +165,18 @@ def _copies(session: Session, machine_id: str, verification: Verification) -> li
     """Ask about observations that are stored under another label too: they would count twice."""
     times_s = [o.time_s for o in verification.observations]
     first_s, last_s = min(times_s), max(times_s)
-    said = []
-    for one in list_verifications(session, machine_id):
-        is_apart = one.last_at.timestamp() < first_s or one.first_at.timestamp() > last_s
-        if one.label == verification.label or is_apart:
+    remarks = []
+    for stored in list_verifications(session, machine_id):
+        is_apart = stored.last_at.timestamp() < first_s or stored.first_at.timestamp() > last_s
+        if stored.label == verification.label or is_apart:
             continue
-        row = find_verification(session, machine_id, one.id, observations=True)
+        row = find_verification(session, machine_id, stored.id, observations=True)
         shared = shared_observations(row, verification)
         if shared < min(FEWEST_SHARED, len(times_s)):
             continue
-        is_whole = shared == len(times_s) == one.observations
-        which = f"verification {one.label!r} (number {one.id}) has "
-        said.append(
+        is_whole = shared == len(times_s) == stored.observations
+        which = f"verification {stored.label!r} (number {stored.id}) has "
+        remarks.append(
             f"{which}the same observations: one that is stored twice counts as two visits; delete "
             "one of them"
             if is_whole
@@ -182,7 +184,7 @@ def _copies(session: Session, machine_id: str, verification: Verification) -> li
             "same time and to the last digit: what is stored twice counts as two visits; is one a "
             "copy of the other?"
         )
-    return said
+    return remarks
 
 
 def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> list[str]:
@@ -191,15 +193,16 @@ def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> l
     for o in observations:
         for axis, place in _places(o).items():
             places.setdefault(axis, set()).add(place)
-    found = []
-    for axis, own in places.items():
+    remarks = []
+    for axis, coordinates in places.items():
         travel = machine.axes.get(axis)
-        if travel is not None and own and travel.unit_meant(own) == "m":
-            found.append(
-                f"all positions of {axis} are from {min(own):g} to {max(own):g} mm, on an axis of "
+        if travel is not None and coordinates and travel.unit_meant(coordinates) == "m":
+            remarks.append(
+                f"all positions of {axis} are from {min(coordinates):g} to {max(coordinates):g} "
+                "mm, on an axis of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm: are they in mm?"
             )
-    return found
+    return remarks
 
 
 def _not_compared(
@@ -211,9 +214,9 @@ def _not_compared(
     """
     if version is None:
         return [f"machine {machine.id!r} has no model yet: there is nothing to compare this with"]
-    found = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
-    lacking = [code for code in components if code in COMPONENTS and code not in found.codes]
-    omitted = found.model.omitted
+    effective = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
+    lacking = [code for code in components if code in COMPONENTS and code not in effective.codes]
+    omitted = effective.model.omitted
     reasons = [f"{code}: {omitted[code]}" for code in lacking if code in omitted]
     unmeasured = [code for code in lacking if code not in omitted]
     if unmeasured:
@@ -226,7 +229,7 @@ def _not_compared(
     ]
 
 
-def _known(
+def _stored_before(
     session: Session, machine_id: str, verification: Verification
 ) -> StoredVerification | None:
     """Find the stored verification that says the same; Conflict for another of its label."""
@@ -240,14 +243,14 @@ def _known(
 
 
 def _named(
-    context: Context, machine_id: str, known: StoredVerification, verification: Verification
+    context: Context, machine_id: str, stored: StoredVerification, verification: Verification
 ) -> StoredVerification:
     """Write instrument and operator to a stored verification that lacks them."""
-    lacking = [n for n in NAMES if getattr(verification, n) and not getattr(known, n)]
+    lacking = [n for n in NAMES if getattr(verification, n) and not getattr(stored, n)]
     if not lacking:
-        return known
+        return stored
     with context.database.writing() as session:
-        row = find_verification(session, machine_id, known.id)
+        row = find_verification(session, machine_id, stored.id)
         for name in lacking:
             setattr(row, name, getattr(verification, name))
         return stored_verification(row)
@@ -400,12 +403,12 @@ def show_watch(context: Context, machine_id: str) -> Watch:
         version = find_machine(session, machine_id).active_version
         if version is None:
             raise no_model_yet(machine_id)
-        known = find_watch(session, machine_id, version)
+        stored_watch = find_watch(session, machine_id, version)
         judged = [
             v
             for v in list_verifications(session, machine_id)
             if v.judgement is not None and v.judgement.model_version == version
         ]
-    if known is None:
+    if stored_watch is None:
         return Watch(version, WatchState(), None, judged)
-    return Watch(version, known.state, known.updated_at, judged)
+    return Watch(version, stored_watch.state, stored_watch.updated_at, judged)

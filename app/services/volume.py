@@ -100,12 +100,12 @@ def show_volume(
     try:
         answer = ask_field(context, machine_id, question)
         volume, remarks = work_volume(answer, None)
-        found = volumetric_accuracy(answer.field, volume, tool_offset_mm)
+        accuracy = volumetric_accuracy(answer.field, volume, tool_offset_mm)
     except (UnknownThing, StorageUnavailable):
         raise
     except ThermapError as error:
         return VolumeView(status, None, error.detail)
-    worst = _at(answer.field, [found.with_arms.worst_point_mm], tool_offset_mm)[0]
+    worst = _at(answer.field, [accuracy.with_arms.worst_point_mm], tool_offset_mm)[0]
     automatic = automatic_exaggeration(worst.length_um, volume)
     drawn = automatic
     if exaggeration is not None:
@@ -118,7 +118,7 @@ def show_volume(
         tool_offset_mm=tool_offset_mm,
         worst=worst,
         corners=_at(answer.field, _corners(volume), tool_offset_mm),
-        accuracy=found,
+        accuracy=accuracy,
         levels=compensation_levels(answer.field, volume, tool_offset_mm),
         through=through,
         slices=slice_volume(

@@ -46,11 +46,11 @@ def shop_values(context: Context, most: int = MOST_MACHINES) -> ShopValues:
     """Judge the machines in memory, for somebody who asks every some seconds."""
     stored, analyses = _stored(context)
     live = context.live.machines()
-    found = []
+    statuses = []
     for machine in live[:most]:
-        found.append(status_of(context, machine, stored))
+        statuses.append(status_of(context, machine, stored))
         sleep(0)  # a live table, which others wait for, comes between any two machines
-    return ShopValues(found, max(len(live) - most, 0), analyses, stored.watches)
+    return ShopValues(statuses, max(len(live) - most, 0), analyses, stored.watches)
 
 
 def _stored(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.delimited_text import UnreadableFile
 from app.api.files.file_kind import FileKind, kind_of_file
 from app.cli.analyse_files import read_verifications
@@ -141,7 +141,7 @@ async def test_the_api_and_the_command_line_say_of_which_other_kind_a_file_is(
     Path(name).write_bytes(content)
     commands = {
         FileKind.CHECK: lambda: read_verifications([Path(name)], "mcfv5050"),
-        FileKind.MAP: lambda: _read_all([Path(name)], Stated(), "mcfv5050"),
+        FileKind.MAP: lambda: _read_all([Path(name)], Header(), "mcfv5050"),
     }
     with pytest.raises(UnreadableFile) as caught:
         commands[expected]()

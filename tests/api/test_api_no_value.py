@@ -94,7 +94,7 @@ async def test_a_reading_without_any_value_is_not_stored_and_an_unknown_sensor_r
 
 def followers(intake):
     """Give what each kind of follower does when a value goes and comes."""
-    from app.connections.mqtt_readers import Stated
+    from app.connections.mqtt_readers import MessageValues
     from tests.connections.test_mqtt_limits import connection_of
 
     known = KnownValues(intake, MACHINE, ["x-middle"], ["load"])
@@ -105,7 +105,7 @@ def followers(intake):
     def send(value):
         told = {} if value is None else {"x-middle": value}
         gone = ("x-middle",) if value is None else ()
-        mqtt._offer(topic, Stated(MACHINE, told, without=gone), "t")
+        mqtt._offer(topic, MessageValues(MACHINE, told, without=gone), "t")
 
     yield send
 

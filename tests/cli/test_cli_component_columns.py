@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.csv_verification import read_csv_verification
 from app.api.files.delimited_text import UnreadableFile
 from tests.cli.test_cli_spreadsheets import as_text, workbook
 
-STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"bed": 20.5})
+STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"bed": 20.5})
 HEADER = [
     ["# label", "Run #1"],
     ["# measured_at: 2026-03-01T06:00:00Z"],
@@ -47,7 +47,7 @@ def numbers(found):
 
 @pytest.mark.parametrize("way", ["workbook", "semicolons", "commas", "tabs"])
 def test_a_column_for_each_component_with_the_header_in_cells(tmp_path, way):
-    found = read(tmp_path, [*HEADER, *X], way, Stated())
+    found = read(tmp_path, [*HEADER, *X], way, Header())
     assert numbers(found) == {
         "EXX": {"positions_mm": [-50.5, 50.5], "errors_um": [0.5, 1.5]},
         "EBX": {"positions_mm": [-50.5, 50.5], "errors_urad": [-2.5, 7.25]},
@@ -143,7 +143,7 @@ def test_a_sheet_for_each_axis_a_protocol_and_squareness_are_one_map(tmp_path):
     ]
     squareness = [["SXY", 3.4, "µm/m"], ["SYZ", 3.5, "µm/m"]]
     file = workbook(tmp_path / "p.xlsx", protocol, X, Y, squareness, [["Remarks"], ["all fine"]])
-    found = read_csv_error_map(file, Stated())
+    found = read_csv_error_map(file, Header())
     assert set(numbers(found)) == {"EXX", "EBX", "EYY", "EAY", "SXY", "SYZ"}
     assert found.error_map.label == "18 °C"
     assert found.error_map.temperatures_c == {"Bed front": 18.1, "Column": 18.0}

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.delimited_text import UnreadableFile, read_text
 
@@ -22,7 +22,7 @@ EXX,50,1.25
 
 @pytest.fixture
 def read(tmp_path):
-    def read_text(text, stated=Stated(), encoding="utf-8"):
+    def read_text(text, stated=Header(), encoding="utf-8"):
         file = tmp_path / "run.csv"
         file.write_bytes(text.encode(encoding))
         return read_csv_error_map(file, stated)
@@ -34,7 +34,7 @@ def read(tmp_path):
 def complaints(read, tmp_path):
     """Read a file that is refused; give what is said of it, without the folder."""
 
-    def refused(text, stated=Stated()):
+    def refused(text, stated=Header()):
         with pytest.raises(UnreadableFile) as caught:
             read(text, stated)
         return caught.value.detail.replace(str(tmp_path / "run.csv"), "run.csv").splitlines()
@@ -241,7 +241,7 @@ def test_one_value_has_no_direction(complaints):
 
 
 def test_the_command_line_goes_before_the_file(read):
-    stated = Stated("Run #2", "2026-03-02T06:00:00Z", {"x-middle": 21.5, "spindle": 23.0})
+    stated = Header("Run #2", "2026-03-02T06:00:00Z", {"x-middle": 21.5, "spindle": 23.0})
     found = read(HEAD + ROWS, stated).error_map
     assert (found.label, found.measured_at.day) == ("Run #2", 2)
     assert found.temperatures_c == {"x-middle": 21.5, "spindle": 23.0}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.api.files.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_measurements import FORMATS, METHODS, read_csv_measurement
 from app.api.files.delimited_text import UnreadableFile
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
@@ -186,7 +186,7 @@ def test_the_thermal_state_is_in_the_body():
 
 def test_the_command_line_goes_before_the_file():
     table, _ = EXAMPLES["machined-part"]
-    stated = Stated("Run #2", None, {"x-middle": 21.5, "spindle": 23.0})
+    stated = Header("Run #2", None, {"x-middle": 21.5, "spindle": 23.0})
     found = read_measurement("machined-part", STATE + table, stated=stated)
     assert (found["label"], found["measured_at"]) == ("Run #2", "2026-03-01T06:00:00Z")
     assert found["temperatures_c"] == {"x-middle": 21.5, "spindle": 23.0}

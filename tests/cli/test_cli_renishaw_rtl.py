@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.delimited_text import UnreadableFile, read_text
 from app.api.files.instrument_files import instrument_format
@@ -171,7 +171,7 @@ def test_text_that_cannot_be_told_is_said_to_be_unread(tmp_path):
     rows = "component,position_mm,error_um\nEXX,0,0\n"
     table.write_bytes(f"# label: компенсация\n{rows}".encode("cp1251"))
     with pytest.raises(UnreadableFile, match="line 1: expected text in UTF-8"):
-        read_csv_error_map(table, Stated("x", "2026-03-01T06:00:00Z", {"bed": 20.0}))
+        read_csv_error_map(table, Header("x", "2026-03-01T06:00:00Z", {"bed": 20.0}))
 
 
 def test_decreasing_targets_turn_the_directions():

@@ -5,7 +5,7 @@ from datetime import datetime
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import read_csv_error_map
 from app.api.files.csv_measurements import read_csv_measurement
 from app.api.files.csv_verification import read_csv_verification
@@ -13,7 +13,7 @@ from app.api.files.delimited_text import UnreadableFile, read_text
 from app.cli.analyse_files import read_verifications
 from app.cli.csv_recording import read_recording
 
-STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
+STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 
 READERS = {
     "map": (
@@ -129,12 +129,12 @@ def test_rows_of_a_workbook_keep_their_numbers_and_comments_their_cells(tmp_path
         ["EXX", None, 50, "much"],
     ]
     with pytest.raises(UnreadableFile) as caught:
-        read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated())
+        read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Header())
     assert caught.value.detail.endswith(
         "line 7, column 4 (error_um): expected a number in µm, got 'much'"
     )
     rows[-1][-1] = 2.5
-    found = read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Stated()).error_map
+    found = read_csv_error_map(workbook(tmp_path / "run.xlsx", rows), Header()).error_map
     assert (found.label, found.temperatures_c) == ("Run #1", {"x-middle": 20.1})
 
 
@@ -147,7 +147,7 @@ HEADERS = {
             ["#", "temperature", "Bed front", 18.5],
             ["# Repeatability", 0.5, "µm"],
         ],
-        lambda file: read_csv_error_map(file, Stated()).error_map.model_dump(
+        lambda file: read_csv_error_map(file, Header()).error_map.model_dump(
             include={"label", "temperatures_c", "repeatability_um"}
         ),
         {

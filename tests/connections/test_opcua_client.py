@@ -13,7 +13,7 @@ from asyncua import ua
 from app import supervision
 from app.connections import opcua_client, opcua_session
 from app.connections.connection import TemperatureTable
-from app.connections.follower import Followed, Found
+from app.connections.follower import Followed, NewValue
 from app.connections.opcua_client import ServerFollower
 from app.connections.opcua_observations import (
     Observed,
@@ -171,7 +171,7 @@ async def test_values_come_with_their_source_s_time_and_in_celsius(server):
         # Its source's clock is ahead: that is said, and the value is taken as of now.
         server.say("set", "X", 23.5, ago_s=-3600)
         await seen.until(lambda: seen.known["x-middle"] == 23.5)
-        assert seen.taken[-1] == Found("x-middle", 23.5)
+        assert seen.taken[-1] == NewValue("x-middle", 23.5)
         assert "x-middle: its source's clock is 35" in seen.follower.trouble
         server.say("set", "X", 24.5)
         await seen.until(lambda: seen.known["x-middle"] == 24.5)

@@ -25,7 +25,7 @@ from asyncua import Client, Server, ua
 
 from app.connections.opcua_nodes import Nodes
 from app.connections.opcua_server import NAMESPACE, TableServer
-from app.connections.opcua_values import Said, seen_of, snapshot_of, values_of
+from app.connections.opcua_values import NodeValue, seen_of, snapshot_of, values_of
 from app.connections.serving_tables import expect_servable
 from app.errors import InvalidContent
 from app.main import create_app
@@ -115,13 +115,13 @@ async def test_nodes_are_what_asyncua_would_have_made_and_go_without_a_trace():
     before = set(space.keys())
     await nodes.begin("Machines")
     asked = {
-        "Text": Said(ua.VariantType.String, "µm"),
-        "Texts": Said(ua.VariantType.String, ["a", "b"], is_array=True),
-        "Number": Said(ua.VariantType.Double, 1.5),
-        "Numbers": Said(ua.VariantType.Double, [1.5], is_array=True),
-        "Count": Said(ua.VariantType.UInt32, 7),
-        "Flag": Said(ua.VariantType.Boolean, True),
-        "Time": Said(ua.VariantType.DateTime, START),
+        "Text": NodeValue(ua.VariantType.String, "µm"),
+        "Texts": NodeValue(ua.VariantType.String, ["a", "b"], is_array=True),
+        "Number": NodeValue(ua.VariantType.Double, 1.5),
+        "Numbers": NodeValue(ua.VariantType.Double, [1.5], is_array=True),
+        "Count": NodeValue(ua.VariantType.UInt32, 7),
+        "Flag": NodeValue(ua.VariantType.Boolean, True),
+        "Time": NodeValue(ua.VariantType.DateTime, START),
     }
     folder = server.get_node(ua.NodeId("Machines", index))
     for machine in ("first", "second"):  # the first of a name is made otherwise than the next

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_measurements import METHODS, read_csv_measurement
 from app.api.files.delimited_text import UnreadableFile, text_of
 from app.api.files.uploaded_map import read_uploaded_map
@@ -27,7 +27,7 @@ from tests.hostile.mutations import mutated
 from tests.service_examples import client_of, furnish_database, running
 
 ROOT = Path(__file__).parents[2]
-STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
+STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 
 PIECES = [
     *(b"\xe2\x80\xa8", b"\xc2\x85", b"\x0b", b"\x1c", b"\0", b"\r", b"\xff\xfe", b"\xef\xbb\xbf"),
@@ -149,7 +149,7 @@ def test_verifications(hostile_inputs):
 def test_measurements(hostile_inputs):
     def read(random_, content):
         method = random_.choice(METHODS)
-        read_csv_measurement(method, text_of(content, Path("a")), stated=STATED, complete=True)
+        read_csv_measurement(method, text_of(content, Path("a")), header=STATED, complete=True)
 
     each(hostile_inputs, measurements(), read)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.api.files import delimited_text
-from app.api.files.csv_comments import Stated
+from app.api.files.csv_comments import Header
 from app.api.files.csv_error_map import parse_csv_error_map
 from app.api.files.csv_measurements import read_csv_measurement
 from app.api.files.csv_verification import parse_csv_verification
@@ -20,7 +20,7 @@ from app.errors import InvalidContent
 from app.geometry.components import unknown_component
 
 FILE = Path("run.csv")
-STATED = Stated("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
+STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 
 ENDS_OF_LINES_FOR_PYTHON_ALONE = "\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 
@@ -88,7 +88,7 @@ def test_names_near_a_wrong_one_are_looked_for_where_they_are_shown(monkeypatch)
     rows = "".join(f"E{i},0,0\n" for i in range(1000))
     with pytest.raises(UnreadableFile):
         parse_csv_error_map({"": f"component,position_mm,error_um\n{rows}"}, FILE, STATED)
-    assert len(asked) == delimited_text.SHOWN
+    assert len(asked) == delimited_text.MOST_PROBLEMS
 
 
 def test_a_long_name_of_a_component_is_cut_where_it_is_repeated():
@@ -105,7 +105,7 @@ def test_problems_are_counted_and_only_the_first_are_held():
     for line in range(100_000):
         problems.add("expected a number", line)
         problems.add_once("expected a column", 1)
-    assert len(problems.first) == delimited_text.SHOWN
+    assert len(problems.first) == delimited_text.MOST_PROBLEMS
     assert problems.listed()[-1] == "run.csv: … and 99993 more"
 
 
@@ -139,7 +139,7 @@ def steps_of(read, *given):
 
 
 def measurement(method):
-    return lambda text: read_csv_measurement(method, text, stated=STATED)
+    return lambda text: read_csv_measurement(method, text, header=STATED)
 
 
 RTL = (

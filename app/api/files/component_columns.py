@@ -40,7 +40,7 @@ from app.geometry.components import (
 from app.thermal.error_map import impossible_error
 from app.units import Unit
 
-OWN: Final = ""
+UNIT_OF_COMPONENT: Final = ""
 """Stands for the unit of a column that states none: each component's own."""
 
 _SLOPE_OF_ANGLE: Final = "urad_per_m"
@@ -48,7 +48,7 @@ _SLOPE_OF_ANGLE: Final = "urad_per_m"
 VALUE: Final = Quantity(
     "um",
     {**LENGTH.factors, **SMALL_ANGLE.factors, _SLOPE_OF_ANGLE: Decimal(1)},
-    assumed=OWN,
+    assumed=UNIT_OF_COMPONENT,
 )
 """Of whatever component: a unit of lengths is none of angles, and so each converts in one way."""
 
@@ -57,7 +57,7 @@ COMPONENT_UNITS: Final[Mapping[str, Sequence[Unit]]] = {
     **dict.fromkeys(SMALL_ANGLE.factors, (Unit.URAD, Unit.UM_PER_M)),
     **dict.fromkeys(("um_per_m", "mm_per_m"), (Unit.UM_PER_M,)),
     _SLOPE_OF_ANGLE: (Unit.URAD_PER_M,),
-    OWN: (),
+    UNIT_OF_COMPONENT: (),
 }
 """Unit of a column to the units of the components that it can be converted to."""
 
@@ -173,7 +173,7 @@ def read_component_tables(
     beside
         Columns that somebody reads beside the components, by their names or first words.
     """
-    found = ComponentTables()
+    tables = ComponentTables()
     block: _Block | None = None
     rows = list(_lines(text))
     for row, below in zip_longest(rows, rows[1:]):
@@ -183,13 +183,13 @@ def read_component_tables(
         elif block is not None and _is_of_units(row):
             continue
         elif (alone := _single_value(text, row)) is not None:
-            found.values.append(alone)
+            tables.values.append(alone)
         elif block is None or (sum(map(bool, row.cells)) == 1 and read_number(_first(row)) is None):
             block = None
-            found.others.append(row)
+            tables.others.append(row)
         else:
-            found.values += _values(block, row)
-    return found
+            tables.values += _values(block, row)
+    return tables
 
 
 def _lines(text: DelimitedText) -> Iterator[Row]:
@@ -270,7 +270,7 @@ def _within(word: str) -> Sequence[str]:
 
 def _block(text: DelimitedText, row: Row, remarks: list[str], beside: Collection[str]) -> _Block:
     """Tell the columns of a block apart; what is wrong with a heading is noted."""
-    own = replace(text, headings=row.cells, heading_line=row.line)
+    block_text = replace(text, headings=row.cells, heading_line=row.line)
     positions: dict[int, Column] = {}
     columns: list[ComponentColumn] = []
     unread: list[str] = []
@@ -285,17 +285,17 @@ def _block(text: DelimitedText, row: Row, remarks: list[str], beside: Collection
             positions[index] = Column(*position, index)
         elif _POSITION.fails_by_unit(heading):
             nearest = index
-            said = _POSITION.complaint(_POSITION.unit_in(heading) or "")
-            text.problems.add(said, row.line, own.place(index))
+            complaint = _POSITION.complaint(_POSITION.unit_in(heading) or "")
+            text.problems.add(complaint, row.line, block_text.place(index))
         elif unsure := unsure_component(heading):
-            text.problems.add(f"{unsure}, got {heading!r}", row.line, own.place(index))
+            text.problems.add(f"{unsure}, got {heading!r}", row.line, block_text.place(index))
         elif heading and not any(heading.lower() == n or name_after(n, heading) for n in beside):
             unread.append(heading)
     if unread:
         remarks.append(f"line {row.line}: columns that are not read: {list_names(unread)}")
-    _complain_of_units(own, columns, remarks)
-    _complain_of_axes(own, columns)
-    return _Block(own, columns, positions)
+    _complain_of_units(block_text, columns, remarks)
+    _complain_of_axes(block_text, columns)
+    return _Block(block_text, columns, positions)
 
 
 def _complain_of_units(
@@ -304,7 +304,7 @@ def _complain_of_units(
     assumed = []
     for column in columns:
         component = column.component
-        if column.unit == OWN:
+        if column.unit == UNIT_OF_COMPONENT:
             assumed.append(f"{column.name} in {component.unit.symbol}")
         elif component.unit not in COMPONENT_UNITS.get(column.unit, ()):
             text.problems.add(
@@ -323,12 +323,12 @@ def _complain_of_axes(text: DelimitedText, columns: Sequence[ComponentColumn]) -
         component = column.component
         if not component.is_table:
             continue
-        stated = "" if column.position is None else text.headings[column.position]
-        axis = _AXIS.fullmatch(normal_heading(stated))
+        heading = "" if column.position is None else text.headings[column.position]
+        axis = _AXIS.fullmatch(normal_heading(heading))
         if column.position is None or (axis and axis[1] != component.axis):
             text.problems.add(
                 f"expected a column of positions of {str(component.axis).upper()} at the left of "
-                f"{component.code}, got {stated or 'none'}",
+                f"{component.code}, got {heading or 'none'}",
                 text.heading_line,
                 text.place(column.index),
             )
@@ -354,12 +354,12 @@ def _values(block: _Block, row: Row) -> Iterator[ComponentValue]:
 
 def _read(text: DelimitedText, row: Row, column: ComponentColumn) -> float | None:
     component = column.component
-    unit = component.unit.symbol if column.unit == OWN else column.unit
+    unit = component.unit.symbol if column.unit == UNIT_OF_COMPONENT else column.unit
     value = text.number(row, column.index, unit)
-    if value is not None and column.unit != OWN and column.unit in VALUE.factors:
+    if value is not None and column.unit != UNIT_OF_COMPONENT and column.unit in VALUE.factors:
         value = VALUE.convert(value, column.unit)
-    if value is not None and (said := impossible_error(component, value)):
-        text.complain(row, column.index, said)
+    if value is not None and (complaint := impossible_error(component, value)):
+        text.complain(row, column.index, complaint)
         return None
     if value is not None and column.is_standard_error and value < 0:
         text.complain(row, column.index, "expected a standard error, which is not negative")
@@ -379,7 +379,7 @@ def _single_value(text: DelimitedText, row: Row) -> ComponentValue | None:
         column = replace(column, unit=normal_heading(cells[2][1]))
     headings = ["" for _ in row.cells]
     headings[column.index] = cells[0][1]
-    own = replace(text, headings=headings, heading_line=row.line)
-    _complain_of_units(own, [column], [])
-    value = _read(own, row, column)
-    return None if value is None else ComponentValue(own, row, column, None, value)
+    single = replace(text, headings=headings, heading_line=row.line)
+    _complain_of_units(single, [column], [])
+    value = _read(single, row, column)
+    return None if value is None else ComponentValue(single, row, column, None, value)

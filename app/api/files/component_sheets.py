@@ -86,22 +86,22 @@ def read_component_sheets(
         problems.sheet = title if len(sheets) > 1 else ""
         tables = read_component_tables(text, remarks, beside)
         values += tables.values
-        comments += [*text.comments, *_stated(tables.others, problems, remarks, title)]
+        comments += [*text.comments, *_comments_in(tables.others, problems, remarks, title)]
     problems.sheet = ""
     header = replace(next(iter(texts.values())), comments=comments)
     return ComponentSheets(header, headings, values, len(texts) == 1)
 
 
-def _stated(
+def _comments_in(
     others: Iterable[Row], problems: Problems, remarks: list[str], title: str
 ) -> Iterable[Comment]:
     """Read a protocol's lines as header lines; what else has numbers is refused, or named."""
     unread: list[str] = []
     for row in others:
         cells = [cell for cell in row.cells if cell]
-        said = _as_comment(row.line, cells)
-        if said is not None:
-            yield said
+        comment = _as_comment(row.line, cells)
+        if comment is not None:
+            yield comment
         elif len(cells) > 3 and any(read_number(cell) is not None for cell in cells):
             problems.add(
                 "expected a line of column names such as Position [mm], EXX [µm] above values, "
@@ -123,12 +123,12 @@ def _as_comment(line: int, cells: Sequence[str]) -> Comment | None:
         return None
     name, *value = cells
     plain = name.strip(" :=")
-    known = _NAMES.get(normal_heading(plain))
-    if known is None and normal_heading(plain).startswith("repeatability"):
-        known = plain
-    if known is not None:
-        is_time = known != "measured_at" or _is_moment(value[0])
-        return _comment(line, known, value) if is_time else None
+    known_name = _NAMES.get(normal_heading(plain))
+    if known_name is None and normal_heading(plain).startswith("repeatability"):
+        known_name = plain
+    if known_name is not None:
+        is_time = known_name != "measured_at" or _is_moment(value[0])
+        return _comment(line, known_name, value) if is_time else None
     sensor, number = (without_unit(text, CELSIUS) for text in (plain, value[0]))
     has_unit = (sensor, number) != (plain, value[0])
     if read_number(number) is None or not (has_unit or _is_celsius(value[-1])):

@@ -57,16 +57,16 @@ def check_contract(document: Any, problems: Problems) -> list[Content]:
     entries = document if isinstance(document, list) else [document]
     if not entries:
         problems.add("expected a machine, an error map or readings, got an empty list")
-    found = []
+    contents = []
     for i, entry in enumerate(entries):
         prefix = f"entry {i + 1}: " if isinstance(document, list) else ""
         try:
-            found.append(_read_entry(entry))
+            contents.append(_read_entry(entry))
         except _Refused as refused:
             for message in refused.messages:
                 problems.add(prefix + message)
     problems.raise_if_any()
-    return found
+    return contents
 
 
 def read_json(file: Path, problems: Problems) -> Any:
@@ -116,11 +116,11 @@ class _Refused(Exception):
 
 def _each_name_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make an object of its names and values, as the service does: none of them twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    by_name = dict(pairs)
+    if len(by_name) < len(pairs):
         twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
         raise _Refused(f"expected each name once in an object, got {list_names(twice)} twice")
-    return found
+    return by_name
 
 
 def _read_entry(entry: Any) -> Content:
@@ -147,8 +147,8 @@ def _checked(
         content = shape.model_validate(_as_stated(shape, entry))
         to_domain(content)
     except ValidationError as error:
-        found = map(field_error, error.errors())
-        raise _Refused(*(f"{e.field}: {e.message}" for e in found)) from None
+        problems = map(field_error, error.errors())
+        raise _Refused(*(f"{e.field}: {e.message}" for e in problems)) from None
     except InvalidContent as error:
         placed = [f"{e.field}: {e.message}" for e in error.errors]
         raise _Refused(*(placed or [error.detail])) from None
@@ -157,10 +157,10 @@ def _checked(
 
 def _as_stated(shape: type[Schema], entry: Mapping[str, Any]) -> dict[str, Any]:
     """Leave away what an answer has beyond what is stated."""
-    kept = {name: value for name, value in entry.items() if name not in _ADDED.get(shape, ())}
-    if shape is ErrorMapSchema and isinstance(kept.get("components"), list):
-        kept["components"] = [
+    fields = {name: value for name, value in entry.items() if name not in _ADDED.get(shape, ())}
+    if shape is ErrorMapSchema and isinstance(fields.get("components"), list):
+        fields["components"] = [
             _as_stated(ComponentSchema, component) if isinstance(component, dict) else component
-            for component in kept["components"]
+            for component in fields["components"]
         ]
-    return kept
+    return fields

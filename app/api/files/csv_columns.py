@@ -186,11 +186,11 @@ class Named:
 
     def complaint(self, unit: str) -> str:
         """Say what was expected in place of a unit that is none."""
-        known = list(self.quantity.factors) if self.quantity else []
+        units = list(self.quantity.factors) if self.quantity else []
         got = f"the unit {unit!r}" if unit else "no unit"
         return (
             f"expected the unit of {self.field} in the name, such as {self.full} "
-            f"({list_names(known)}), got {got}"
+            f"({list_names(units)}), got {got}"
         )
 
 
@@ -218,8 +218,8 @@ def normal_heading(heading: str) -> str:
 def named(things: Iterable[Named], heading: str) -> tuple[Named, str] | None:
     """Find what a heading names, with its known unit."""
     for thing in things:
-        stated = thing.unit_in(heading)
-        unit = None if stated is None else thing.known(stated)
+        unit_text = thing.unit_in(heading)
+        unit = None if unit_text is None else thing.known(unit_text)
         if unit is not None:
             return thing, unit
     return None
@@ -356,17 +356,17 @@ def has_column(text: DelimitedText, thing: Named) -> bool:
 
 def by_field(text: DelimitedText, columns: Iterable[Column]) -> dict[str, Column]:
     """Sort columns by their field; one that stands there twice is noted."""
-    found: dict[str, Column] = {}
+    first_columns: dict[str, Column] = {}
     for column in columns:
         field = column.thing.field
-        first = found.setdefault(field, column)
+        first = first_columns.setdefault(field, column)
         if first is not column:
             text.problems.add(
                 f"expected {field} in one column, got {text.headings[first.index]} and "
                 f"{text.headings[column.index]}",
                 text.heading_line,
             )
-    return found
+    return first_columns
 
 
 def find_columns(
@@ -393,17 +393,19 @@ def find_columns(
     """
     things = [*needed, *optional]
     matches = match_columns(text, things)
-    found = by_field(text, matches)
+    by_field_name = by_field(text, matches)
     read = {column.index for column in matches}
     others = [i for i in range(len(text.headings)) if i not in read]
-    _complain_of_units(text, [t for t in things if t.field not in found], others)
+    _complain_of_units(text, [t for t in things if t.field not in by_field_name], others)
     if not text.problems.number:
-        _complain_of_missing(text, [t for t in needed if t.field not in found], needed, optional)
+        _complain_of_missing(
+            text, [t for t in needed if t.field not in by_field_name], needed, optional
+        )
     text.problems.raise_if_any()
     unread = [text.headings[i] for i in others if text.headings[i]]
     if unread:
         remarks.append(left_out(unread))
-    return Columns(text, found)
+    return Columns(text, by_field_name)
 
 
 def _complain_of_units(text: DelimitedText, absent: Sequence[Named], others: list[int]) -> None:

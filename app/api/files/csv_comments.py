@@ -46,7 +46,7 @@ _SEPARATOR: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class Header:
     """What is said of a map beside its file; it takes precedence over what the file says."""
 
     label: str | None = None
@@ -95,9 +95,9 @@ class Comments:
 
 def read_comments(
     text: DelimitedText,
-    stated: Stated,
+    header: Header,
     remarks: list[str],
-    known: Sequence[Statement] = (),
+    method_statements: Sequence[Statement] = (),
     *,
     complete: bool = True,
     is_dated: bool = False,
@@ -108,11 +108,11 @@ def read_comments(
     ----------
     text
         The file; what is wrong or missing is noted in its problems.
-    stated
+    header
         What takes precedence over the file's lines.
     remarks
         Takes up which lines are not read.
-    known
+    method_statements
         What a method reads beside label, time and temperatures.
     complete
         Whether label, time and temperatures are needed, as for storing a map.
@@ -123,43 +123,45 @@ def read_comments(
     facts: dict[str, Any] = {}
     temperatures_c: dict[str, float] = {}
     empty: dict[str, int] = {}
-    own = [one.thing.full for one in known if one.thing.full not in _KEYS.split(", ")]
-    also = f"; of this method: {list_names(own)}" if own else ""
+    names = [one.thing.full for one in method_statements if one.thing.full not in _KEYS.split(", ")]
+    also = f"; of this method: {list_names(names)}" if names else ""
     free: list[str] = []
     for comment in text.comments:
         line = comment.line
-        found = _name_and_value(comment, known)
-        if found is None:
+        split = _name_and_value(comment, method_statements)
+        if split is None:
             free += [comment.text] if comment.text else []
             continue
-        name, value = found
+        name, value = split
         if UNREADABLE in name + value:
             text.problems.add(
                 f"expected text in UTF-8, got letters of an unknown code page in {comment.text!r}",
                 line,
             )
             continue
-        one = _statement_of(known, name)
-        if one is None:
+        statement = _statement_of(method_statements, name)
+        if statement is None:
             if not _read_fact(text.problems, line, name, value, facts, temperatures_c, empty):
                 remarks.append(f"line {line}: {name!r} is not read; what is: {_KEYS}{also}")
-        elif one.thing.full in statements:
-            text.problems.add(f"expected {one.thing.full} once, came again", line)
+        elif statement.thing.full in statements:
+            text.problems.add(f"expected {statement.thing.full} once, came again", line)
         else:
-            statements[one.thing.full] = _value(text.problems, one, line, name, value)
+            statements[statement.thing.full] = _value(text.problems, statement, line, name, value)
     if free:
         remarks.append(f"comment lines that are not read: {list_names(map(repr, free), MOST_FREE)}")
-    if stated.axis is not None and any(one.thing.full == "axis" for one in known):
-        statements["axis"] = stated.axis
-    for one in known:
-        if one.needed and one.thing.full not in statements:
-            how = f": write `# {one.example}`"
-            text.problems.lack(one.thing.full, f"expected {one.thing.field}, got none", how)
+    if header.axis is not None and any(one.thing.full == "axis" for one in method_statements):
+        statements["axis"] = header.axis
+    for statement in method_statements:
+        if statement.needed and statement.thing.full not in statements:
+            how = f": write `# {statement.example}`"
+            text.problems.lack(
+                statement.thing.full, f"expected {statement.thing.field}, got none", how
+            )
     noted = facts | ({"temperatures_c": temperatures_c} if temperatures_c else {})
-    facts = with_stated(noted, stated)
+    facts = with_stated(noted, header)
     if complete:
         for sensor, line in empty.items():
-            if not is_dated and sensor not in stated.temperatures_c:
+            if not is_dated and sensor not in header.temperatures_c:
                 message = f"expected the temperature of {sensor} in °C, got none"
                 text.problems.lack(f"temperatures_c.{sensor}", message, line=line)
         noted = {"temperatures_c": empty} if empty else {}
@@ -174,7 +176,7 @@ def read_comments(
     return Comments(facts, statements, machine)
 
 
-def _name_and_value(comment: Comment, known: Sequence[Statement]) -> tuple[str, str] | None:
+def _name_and_value(comment: Comment, statements: Sequence[Statement]) -> tuple[str, str] | None:
     """Part what a line states from its value: where the next cell begins, or at a mark.
 
     Of these the first whose name is known; None where a line states nothing, as free text does.
@@ -186,9 +188,9 @@ def _name_and_value(comment: Comment, known: Sequence[Statement]) -> tuple[str, 
         if first.lower() in ("temperature", "temperature_c"):
             cells = (f"{first} {others[0]}", " ".join(others[1:]))
         ways.insert(":" in first, cells)
-    if not any(_is_known(name, known) for name, _ in ways):
+    if not any(_is_known(name, statements) for name, _ in ways):
         return ways[0] if ways and ":" in comment.text else None
-    return next(way for way in ways if _is_known(way[0], known))
+    return next(way for way in ways if _is_known(way[0], statements))
 
 
 def _parted(text: str, mark: str) -> tuple[str, str]:
@@ -196,8 +198,8 @@ def _parted(text: str, mark: str) -> tuple[str, str]:
     return " ".join(name.split()), " ".join(value.split())
 
 
-def _is_known(name: str, known: Sequence[Statement]) -> bool:
-    return _statement_of(known, name) is not None or _is_fact(name)
+def _is_known(name: str, statements: Sequence[Statement]) -> bool:
+    return _statement_of(statements, name) is not None or _is_fact(name)
 
 
 def _is_fact(name: str) -> bool:
@@ -247,15 +249,15 @@ def _read_fact(
 
 
 def _note_once(
-    problems: Problems, line: int, known: dict[str, Any], name: str, value: object, what: str = ""
+    problems: Problems, line: int, noted: dict[str, Any], name: str, value: object, what: str = ""
 ) -> None:
     """Note what a line states; of two that state the same thing nobody can say which is meant."""
-    if name in known:
+    if name in noted:
         problems.add(f"expected {what or name} once, came again", line)
-    known[name] = value
+    noted[name] = value
 
 
-def with_stated(facts: Mapping[str, Any], stated: Stated) -> dict[str, Any]:
+def with_stated(facts: Mapping[str, Any], stated: Header) -> dict[str, Any]:
     """Let what is stated beside a file take precedence over what it says."""
     found = dict(facts)
     found |= {k: v for k in ("label", "measured_at") if (v := getattr(stated, k)) is not None}
@@ -293,36 +295,40 @@ def _has_zone(text: str) -> bool:
     return True
 
 
-def _statement_of(known: Sequence[Statement], key: str) -> Statement | None:
+def _statement_of(statements: Sequence[Statement], key: str) -> Statement | None:
     """Find the statement of a key; one in an unknown unit is found too, to be refused."""
-    match = named([one.thing for one in known], key)
-    for one in known:
-        if (match and one.thing == match[0]) or (not match and one.thing.fails_by_unit(key)):
-            return one
+    match = named([one.thing for one in statements], key)
+    for statement in statements:
+        if (match and statement.thing == match[0]) or (
+            not match and statement.thing.fails_by_unit(key)
+        ):
+            return statement
     return None
 
 
-def _value(problems: Problems, one: Statement, line: int, key: str, value: str) -> Any:
+def _value(problems: Problems, statement: Statement, line: int, key: str, value: str) -> Any:
     """Read a value; what is wrong is noted and None is returned."""
-    if one.shape == 0:
+    if statement.shape == 0:
         try:
-            return one.word(value)
+            return statement.word(value)
         except ThermapError as error:
             problems.add(error.detail, line)
             return None
-    value, unit = _without_unit(one.thing, key, value)
-    if one.thing.known(unit) is None:
-        problems.add(one.thing.complaint(unit), line)
+    value, unit = _without_unit(statement.thing, key, value)
+    if statement.thing.known(unit) is None:
+        problems.add(statement.thing.complaint(unit), line)
         return None
-    numbers = [read_number(part) for part in _parts(value, one.shape)]
-    if len(numbers) != one.shape or None in numbers:
-        what = "a number" if one.shape == 1 else f"{one.shape} numbers"
-        such = f"{symbol_of(unit)} such as `# {one.example}`"
+    numbers = [read_number(part) for part in _parts(value, statement.shape)]
+    if len(numbers) != statement.shape or None in numbers:
+        what = "a number" if statement.shape == 1 else f"{statement.shape} numbers"
+        such = f"{symbol_of(unit)} such as `# {statement.example}`"
         problems.add(f"expected {what} in {such}, got {value!r}", line)
         return None
-    convert = one.thing.quantity.convert if one.thing.quantity else lambda number, _: number
+    convert = (
+        statement.thing.quantity.convert if statement.thing.quantity else lambda number, _: number
+    )
     ours = [convert(number, unit) for number in numbers if number is not None]
-    return ours[0] if one.shape == 1 else ours
+    return ours[0] if statement.shape == 1 else ours
 
 
 def _without_unit(thing: Named, key: str, value: str) -> tuple[str, str]:

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from app.api.field_errors import field_error
-from app.api.files.component_columns import COMPONENT_UNITS, OWN, VALUE
+from app.api.files.component_columns import COMPONENT_UNITS, UNIT_OF_COMPONENT, VALUE
 from app.api.files.component_sheets import ComponentSheets, read_component_sheets
 from app.api.files.csv_columns import (
     POSITION,
@@ -37,7 +37,7 @@ from app.api.files.csv_columns import (
     has_column,
     match_columns,
 )
-from app.api.files.csv_comments import Stated, read_comments
+from app.api.files.csv_comments import Header, read_comments
 from app.api.files.delimited_text import (
     DelimitedText,
     Problems,
@@ -117,12 +117,12 @@ class _Point:
     values: dict[str, float | None]
 
 
-def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
+def read_csv_error_map(file: Path, header: Header) -> CsvErrorMap:
     """Read an error map and check all of it.
 
     Parameters
     ----------
-    stated
+    header
         What takes precedence over the file's own comment lines.
 
     Raises
@@ -131,21 +131,21 @@ def read_csv_error_map(file: Path, stated: Stated) -> CsvErrorMap:
         With file, line and column of everything that is wrong, what was expected
         and what came.
     """
-    return parse_csv_error_map(read_sheets(file), file, stated)
+    return parse_csv_error_map(read_sheets(file), file, header)
 
 
-def parse_csv_error_map(sheets: Mapping[str, str], file: Path, stated: Stated) -> CsvErrorMap:
+def parse_csv_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> CsvErrorMap:
     """Read an error map from the sheets of a file, as `read_csv_error_map` does."""
     problems = Problems(file)
     remarks: list[str] = []
-    found = read_component_sheets(sheets, problems, remarks)
-    if found is None:
+    sheets_read = read_component_sheets(sheets, problems, remarks)
+    if sheets_read is None:
         text = parse_delimited(only_sheet(sheets, file), problems)
-        comments = read_comments(text, stated, remarks)
+        comments = read_comments(text, header, remarks)
         components = _read_components(text, remarks)
     else:
-        comments = read_comments(found.header, stated, remarks)
-        components = _components_of_columns(found, remarks)
+        comments = read_comments(sheets_read.header, header, remarks)
+        components = _components_of_columns(sheets_read, remarks)
     problems.raise_if_any()
     error_map = _checked_map(comments.state | {"components": components}, problems)
     return CsvErrorMap(error_map, comments.machine, remarks)
@@ -174,46 +174,46 @@ def _read_components(text: DelimitedText, remarks: list[str]) -> list[dict[str, 
     _expect_micrometres(table, points)
     return [
         made
-        for code, found in points.items()
-        if (made := _make_component(text, names[code], found)) is not None
+        for code, points_of_code in points.items()
+        if (made := _make_component(text, names[code], points_of_code)) is not None
     ]
 
 
-def _components_of_columns(found: ComponentSheets, remarks: list[str]) -> list[dict[str, Any]]:
+def _components_of_columns(sheets: ComponentSheets, remarks: list[str]) -> list[dict[str, Any]]:
     """Put the cells of tables with a column for each component together."""
     points: dict[str, dict[object, _Point]] = {}
     names: dict[str, str] = {}
-    for one in found.values:
-        code = one.column.component.code
-        place = (id(one.text), one.row.line, one.column.position)
+    for value in sheets.values:
+        code = value.column.component.code
+        place = (id(value.text), value.row.line, value.column.position)
         point = points.setdefault(code, {}).setdefault(
-            place, _Point(one.row, one.position_mm, dict.fromkeys(_KINDS))
+            place, _Point(value.row, value.position_mm, dict.fromkeys(_KINDS))
         )
-        point.values[one.column.kind] = one.value
-        names.setdefault(code, one.column.name)
+        point.values[value.column.kind] = value.value
+        names.setdefault(code, value.column.name)
     if not points:
-        found.header.problems.add("expected lines of values, got none")
+        sheets.header.problems.add("expected lines of values, got none")
     for code, of_places in points.items():
         for point in of_places.values():
             if point.values[_ERROR] is None:
                 message = f"expected the error of {code} beside its other values, got none"
-                found.header.problems.add(message, point.row.line)
+                sheets.header.problems.add(message, point.row.line)
     _refuse_millimetres(
         "the columns without another unit",
         [
             one.value
-            for one in found.values
-            if one.column.unit in (OWN, Unit.UM)
+            for one in sheets.values
+            if one.column.unit in (UNIT_OF_COMPONENT, Unit.UM)
             and not one.column.kind
             and one.column.component.unit is Unit.UM
         ],
-        found.header.problems,
+        sheets.header.problems,
         "Write [mm] into the headings",
     )
     return [
-        made
+        table
         for code, of_places in points.items()
-        if (made := _make_component(found.header, names[code], list(of_places.values())))
+        if (table := _make_component(sheets.header, names[code], list(of_places.values())))
         is not None
     ]
 
@@ -230,12 +230,14 @@ def _refuse_millimetres(
 
 def _expect_micrometres(table: _Table, points: Mapping[str, Sequence[_Point]]) -> None:
     """Refuse a map whose lengths, said to be in µm, are all so small that they are in mm."""
-    plain = [column for column in table.values[_ERROR] if column.unit in (OWN, Unit.UM)]
+    plain = [
+        column for column in table.values[_ERROR] if column.unit in (UNIT_OF_COMPONENT, Unit.UM)
+    ]
     lengths = [
         value
-        for code, found in points.items()
+        for code, points_of_code in points.items()
         if COMPONENTS[code].unit is Unit.UM
-        for point in found
+        for point in points_of_code
         if (value := point.values[_ERROR]) is not None
     ]
     if plain:
@@ -250,25 +252,27 @@ def _expect_micrometres(table: _Table, points: Mapping[str, Sequence[_Point]]) -
 def _find_columns(text: DelimitedText, remarks: list[str]) -> _Table:
     """Tell the columns apart by their names; several may hold values, each in its unit."""
     matches = match_columns(text, (_COMPONENT, _POSITION, *_VALUES.values()))
-    found = by_field(text, [one for one in matches if one.thing in (_COMPONENT, _POSITION)])
+    columns_by_field = by_field(
+        text, [match for match in matches if match.thing in (_COMPONENT, _POSITION)]
+    )
     values = {kind: [o for o in matches if o.thing is thing] for kind, thing in _VALUES.items()}
-    if "component" not in found or not values[_ERROR]:
+    if "component" not in columns_by_field or not values[_ERROR]:
         text.problems.add(
             "expected the columns component, position_mm and error_um (or error_mm, error_urad, "
             f"slope_um_per_m, value_um_per_m …), got {', '.join(text.headings)}",
             text.heading_line,
         )
     text.problems.raise_if_any()
-    read = {one.index for one in matches}
+    read = {match.index for match in matches}
     unread = [heading for i, heading in enumerate(text.headings) if i not in read]
     if unread:
         remarks.append(left_out(unread))
-    return _Table(Columns(text, found), values)
+    return _Table(Columns(text, columns_by_field), values)
 
 
 def _is_converted(column: Column) -> bool:
     """Say whether a column's unit is another than those of components."""
-    return column.unit != OWN and column.unit not in _OWN_UNITS
+    return column.unit != UNIT_OF_COMPONENT and column.unit not in _OWN_UNITS
 
 
 def _fits(column: Column, component: Component) -> bool:
@@ -433,12 +437,12 @@ def _numbers(component: Component, ordered: Sequence[_Point]) -> dict[str, Any]:
         "backward_": f"backward_{component.input_field}",
         "backward_standard_": f"backward_{component.standard_error_field}",
     }
-    stated = {kind: name for kind, name in names.items() if ordered[0].values[kind] is not None}
+    present = {kind: name for kind, name in names.items() if ordered[0].values[kind] is not None}
     if not component.is_table:
-        return {name: ordered[0].values[kind] for kind, name in stated.items()}
+        return {name: ordered[0].values[kind] for kind, name in present.items()}
     return {
         "positions_mm": [p.position_mm for p in ordered],
-        **{name: [p.values[kind] for p in ordered] for kind, name in stated.items()},
+        **{name: [p.values[kind] for p in ordered] for kind, name in present.items()},
     }
 
 
@@ -448,8 +452,8 @@ def _checked_map(facts: Mapping[str, Any], problems: Problems) -> ErrorMapSchema
         error_map = ErrorMapSchema.model_validate(facts)
         error_map.to_error_map()
     except ValidationError as error:
-        for found in map(field_error, error.errors()):
-            problems.add(f"{found.field}: {found.message}")
+        for problem in map(field_error, error.errors()):
+            problems.add(f"{problem.field}: {problem.message}")
     except InvalidContent as error:
         problems.add(error.detail)
     problems.raise_if_any()

@@ -30,7 +30,7 @@ from app.api.files.csv_columns import (
     match_columns,
     names_after,
 )
-from app.api.files.csv_comments import Comments, Stated, Statement, read_comments
+from app.api.files.csv_comments import Comments, Header, Statement, read_comments
 from app.api.files.csv_measurements.formats import REPEATABILITY, choice_among
 from app.api.files.delimited_text import (
     DelimitedText,
@@ -131,7 +131,7 @@ def parse_csv_verification(
     if tables is not None:
         return _of_component_columns(tables, file, remarks, is_planned)
     text = parse_delimited(only_sheet(sheets, file), problems, MOST_OBSERVATIONS)
-    comments = read_comments(text, Stated(), remarks, _STATEMENTS, complete=False)
+    comments = read_comments(text, Header(), remarks, _STATEMENTS, complete=False)
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS)
     if unread:
         remarks.append(f"comment lines that say nothing of a verification: {list_names(unread)}")
@@ -153,7 +153,7 @@ def parse_csv_verification(
 def has_measured_columns(text: DelimitedText) -> bool:
     """Say whether a table's columns hold what was measured, of components or at points."""
     of_component = has_column(text, _COMPONENT) and any(has_column(text, v) for v in _VALUES)
-    return of_component or all(has_column(text, one) for one in _MEASURED_AT)
+    return of_component or all(has_column(text, column) for column in _MEASURED_AT)
 
 
 def _of_component_columns(
@@ -164,7 +164,7 @@ def _of_component_columns(
     Without a column of times all of them count as measured when the header says.
     """
     problems = tables.header.problems
-    comments = read_comments(tables.header, Stated(), remarks, _STATEMENTS, complete=False)
+    comments = read_comments(tables.header, Header(), remarks, _STATEMENTS, complete=False)
     whole = comments.state.get("measured_at")
     unread = sorted(comments.state.keys() - _READ_OF_COMMENTS - {"measured_at"})
     if unread:
@@ -172,35 +172,35 @@ def _of_component_columns(
     observations: list[Body] = []
     states: dict[int, Mapping[int, str]] = {}
     lines = []
-    for one in tables.values:
-        time = one.beside("time") or whole
+    for value in tables.values:
+        time = value.beside("time") or whole
         if time is None:
             problems.add_once(
                 "expected a column time, or `# measured_at: 2026-03-01T06:00:00Z` for all values, "
                 "got none",
-                one.text.heading_line,
+                value.text.heading_line,
             )
             continue
-        if one.column.is_standard_error:
+        if value.column.is_standard_error:
             problems.add_once(
-                f"expected no standard errors in a verification, got {one.column.name}: its "
+                f"expected no standard errors in a verification, got {value.column.name}: its "
                 "repeatability is stated once, as `# repeatability_um: 0.5`",
-                one.text.heading_line,
+                value.text.heading_line,
             )
             continue
-        found: Body = {"time": time, "component": one.column.name}
-        if one.position_mm is not None:
-            found["position_mm"] = one.position_mm
-        stated = _sign(one)
-        found |= {"direction": stated} if stated else {}
-        found |= {"setup": setup} if (setup := one.beside("setup")) else {}
-        if (text := id(one.text)) not in states:
-            states[text] = names_after(one.text, STATE)
-        found |= _state(one.text, states[text], one.row)
+        observation: Body = {"time": time, "component": value.column.name}
+        if value.position_mm is not None:
+            observation["position_mm"] = value.position_mm
+        sign = _sign(value)
+        observation |= {"direction": sign} if sign else {}
+        observation |= {"setup": setup} if (setup := value.beside("setup")) else {}
+        if (text := id(value.text)) not in states:
+            states[text] = names_after(value.text, STATE)
+        observation |= _state(value.text, states[text], value.row)
         if not is_planned:
-            found[f"measured_{one.column.component.unit}"] = one.value
-        observations.append(found)
-        lines.append(one.row.line)
+            observation[f"measured_{value.column.component.unit}"] = value.value
+        observations.append(observation)
+        lines.append(value.row.line)
     problems.raise_if_any()
     return CsvVerification(
         {**_head(comments, file.stem), "observations": observations},
@@ -210,27 +210,25 @@ def _of_component_columns(
     )
 
 
-def _sign(one: ComponentValue) -> str | None:
+def _sign(value: ComponentValue) -> str | None:
     """Read the direction of approach: of the column, or of the line."""
-    if one.column.is_backward:
+    if value.column.is_backward:
         return "-"
-    if one.column.is_forward:
+    if value.column.is_forward:
         return "+"
-    word = one.beside("direction").replace("\N{MINUS SIGN}", "-")
+    word = value.beside("direction").replace("\N{MINUS SIGN}", "-")
     if word and word not in DIRECTIONS:
-        one.text.problems.add(f"expected + or - as direction, got {word!r}", one.row.line)
+        value.text.problems.add(f"expected + or - as direction, got {word!r}", value.row.line)
     return word or None
 
 
 def _check_sizes(text: DelimitedText, observations: Sequence[Body]) -> None:
     """Refuse what can be no error of a machine tool."""
     for row, observation in zip(text.rows, observations, strict=True):
-        for field, stated in observation.items():
-            if not field.startswith("measured_") or stated is None:
+        for field, value in observation.items():
+            if not field.startswith("measured_") or value is None:
                 continue
-            values = [
-                v for v in (stated if isinstance(stated, list) else [stated]) if v is not None
-            ]
+            values = [v for v in (value if isinstance(value, list) else [value]) if v is not None]
             impossible = values and impossible_error(_component_of(observation), values)
             if impossible:
                 text.problems.add(impossible, row.line)
@@ -243,16 +241,16 @@ def _component_of(observation: Body) -> Component | None:
 
 def _head(comments: Comments, name: str) -> Body:
     """What the comment lines say of all observations, as far as stated."""
-    stated = comments.statements
+    statements = comments.statements
     head: Body = {"label": comments.state.get("label") or name}
-    if "datum" in stated:
-        head["datum"] = stated["datum"]
+    if "datum" in statements:
+        head["datum"] = statements["datum"]
     if instrument := comments.state.get("instrument"):
         head["instrument"] = instrument
-    if operator := stated.get("operator"):
+    if operator := statements.get("operator"):
         head["operator"] = operator
-    if REPEATABILITY.thing.full in stated:
-        head["repeatability_um"] = stated[REPEATABILITY.thing.full]
+    if REPEATABILITY.thing.full in statements:
+        head["repeatability_um"] = statements[REPEATABILITY.thing.full]
     return head
 
 
@@ -262,7 +260,7 @@ def _find_columns(
     """Tell the columns of states from the others, and these apart."""
     states = names_after(text, STATE)
     others = ["" if i in states else heading for i, heading in enumerate(text.headings)]
-    optional = [*(one for group in _AT_POINTS for one in group)]
+    optional = [*(named for group in _AT_POINTS for named in group)]
     optional += [_COMPONENT, _POSITION, _DIRECTION, _MEASURED, _MEASURED_ANGLE, _SETUP]
     second = _second_of_angles(replace(text, headings=others))
     if second is not None:
@@ -287,9 +285,9 @@ def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> Non
     has_value = is_planned or "measured" in columns or "measured_angle" in columns
     of_component = "component" in columns and has_value
     needed = _POINT if is_planned else (*_POINT, *_MEASURED_AT)
-    at_points = all(one.field in columns for one in needed)
+    at_points = all(column.field in columns for column in needed)
     if not of_component and not at_points:
-        points = list_names(one.full for one in (*_POINT, *_MEASURED_AT))
+        points = list_names(column.full for column in (*_POINT, *_MEASURED_AT))
         text.problems.add(
             "expected the columns component, position_mm and measured_um (or measured_urad), or "
             f"at points {points}, got {list_names(text.headings)}",
@@ -301,17 +299,17 @@ def _expect_kind(text: DelimitedText, columns: Columns, is_planned: bool) -> Non
 def _observation(columns: Columns, states: Mapping[int, str], row: Row, is_planned: bool) -> Body:
     """Read one line."""
     columns.moment(row, "time")  # the service reads it itself; what is wrong is noted here
-    found: Body = {"time": columns.word(row, "time"), **_what(columns, row, is_planned)}
+    observation: Body = {"time": columns.word(row, "time"), **_what(columns, row, is_planned)}
     setup = columns.word(row, "setup")
-    found |= {"setup": setup} if setup else {}
-    return found | _state(columns.text, states, row)
+    observation |= {"setup": setup} if setup else {}
+    return observation | _state(columns.text, states, row)
 
 
 def _state(text: DelimitedText, states: Mapping[int, str], row: Row) -> Body:
     """Read the columns of states of one line, as far as it has them."""
-    stated = {n: text.number(row, i) for i, n in states.items() if i < len(row.cells)}
-    known = {name: value for name, value in stated.items() if value is not None}
-    return {"state": known} if known else {}
+    values = {n: text.number(row, i) for i, n in states.items() if i < len(row.cells)}
+    present = {name: value for name, value in values.items() if value is not None}
+    return {"state": present} if present else {}
 
 
 def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
@@ -322,18 +320,18 @@ def _what(columns: Columns, row: Row, is_planned: bool) -> Body:
     if "point_x" not in columns:
         columns.complain(row, "component", "expected a component such as EXX, got none")
         return {}
-    found: Body = {"point_mm": [columns.needed(row, one.field) for one in _POINT]}
+    body: Body = {"point_mm": [columns.needed(row, column.field) for column in _POINT]}
     if not is_planned:
-        found["measured_um"] = [columns.needed(row, one.field) for one in _MEASURED_AT]
-    tool = [columns.number(row, one.field) for one in _TOOL]
+        body["measured_um"] = [columns.needed(row, column.field) for column in _MEASURED_AT]
+    tool = [columns.number(row, place.field) for place in _TOOL]
     if any(value is not None for value in tool):
-        found["tool_offset_mm"] = [value or 0.0 for value in tool]
+        body["tool_offset_mm"] = [value or 0.0 for value in tool]
     signs = {
         axis: sign
-        for axis, one in zip(LINEAR_LETTERS, _DIRECTIONS_AT, strict=True)
-        if (sign := _direction(columns, row, one.field))
+        for axis, column in zip(LINEAR_LETTERS, _DIRECTIONS_AT, strict=True)
+        if (sign := _direction(columns, row, column.field))
     }
-    return found | ({"direction": signs} if signs else {})
+    return body | ({"direction": signs} if signs else {})
 
 
 def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
@@ -343,16 +341,16 @@ def _of_component(columns: Columns, row: Row, is_planned: bool) -> Body:
         columns.complain(row, "component", lambda: unknown_component(name))
         return {}
     component, _ = match
-    found: Body = {"component": name}
+    body: Body = {"component": name}
     if not is_planned:
-        found |= _measured(columns, row, component.unit)
+        body |= _measured(columns, row, component.unit)
     position = columns.number(row, "position")
     if position is None and component.is_table and not columns.word(row, "position"):
         columns.complain(row, "position", f"expected a position of {name} in mm, got none")
     if position is not None:
-        found["position_mm"] = position
+        body["position_mm"] = position
     direction = _direction(columns, row, "direction")
-    return found | ({"direction": direction} if direction else {})
+    return body | ({"direction": direction} if direction else {})
 
 
 def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
@@ -379,9 +377,9 @@ def _measured(columns: Columns, row: Row, unit: Unit) -> Body:
 
 def _expect_none(columns: Columns, row: Row, others: Sequence[Named], expected: str) -> None:
     """Refuse what would be left unread: nothing that was measured is dropped."""
-    for one in others:
-        if columns.word(row, one.field):
-            columns.complain(row, one.field, f"expected {expected}, got both")
+    for column in others:
+        if columns.word(row, column.field):
+            columns.complain(row, column.field, f"expected {expected}, got both")
             return
 
 

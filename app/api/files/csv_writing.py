@@ -73,7 +73,7 @@ def csv_of_check(machine_id: str, check: Verification) -> str:
         lines.append(_comment("instrument", check.instrument))
     if check.operator:
         lines.append(_comment("operator", check.operator))
-    rows = [_cells(one) for one in check.observations]
+    rows = [_cells(observation) for observation in check.observations]
     columns = sorted({name for row in rows for name in row}, key=_column_order)
     lines.append(csv_line(columns))
     lines += [csv_line([row.get(name, "") for name in columns]) for row in rows]
@@ -186,30 +186,30 @@ def _unsaid(error_map: ErrorMap) -> Iterator[str]:
         for covariance in (table.covariance, table.backward_covariance)
         if covariance is not None and covariance.ndim == 2
     ]
-    if any(np.any(one - np.diag(np.diag(one))) for one in matrices):
+    if any(np.any(matrix - np.diag(np.diag(matrix))) for matrix in matrices):
         yield "covariances between positions"
 
 
-def _cells(one: Observation) -> dict[str, Any]:
+def _cells(observation: Observation) -> dict[str, Any]:
     """Write an observation as the cells of its line, by the names of the columns."""
-    found: dict[str, Any] = {"time": _utc(datetime.fromtimestamp(one.time_s, UTC))}
-    if one.component is not None:
-        component = COMPONENTS[one.component]
-        found["component"] = one.component
-        if one.position_mm is not None:
-            found["position_mm"] = one.position_mm
+    cells: dict[str, Any] = {"time": _utc(datetime.fromtimestamp(observation.time_s, UTC))}
+    if observation.component is not None:
+        component = COMPONENTS[observation.component]
+        cells["component"] = observation.component
+        if observation.position_mm is not None:
+            cells["position_mm"] = observation.position_mm
             axis = LINEAR_LETTERS.index(component.axis or "x")
-            found["direction"] = _SIGNS[one.directions[axis]]
-        found[f"measured_{component.unit}"] = one.measured[0]
+            cells["direction"] = _SIGNS[observation.directions[axis]]
+        cells[f"measured_{component.unit}"] = observation.measured[0]
     else:
         for i, letter in enumerate(LINEAR_LETTERS):
-            found[f"point_{letter}_mm"] = (one.point_mm or (0.0, 0.0, 0.0))[i]
-            found[f"measured_{letter}_um"] = one.measured[i]
-            found[f"tool_{letter}_mm"] = one.tool_offset_mm[i]
-            found[f"direction_{letter}"] = _SIGNS[one.directions[i]]
-    if one.setup is not None:
-        found["setup"] = one.setup
-    return found | {f"state {name}": value for name, value in one.state.items()}
+            cells[f"point_{letter}_mm"] = (observation.point_mm or (0.0, 0.0, 0.0))[i]
+            cells[f"measured_{letter}_um"] = observation.measured[i]
+            cells[f"tool_{letter}_mm"] = observation.tool_offset_mm[i]
+            cells[f"direction_{letter}"] = _SIGNS[observation.directions[i]]
+    if observation.setup is not None:
+        cells["setup"] = observation.setup
+    return cells | {f"state {name}": value for name, value in observation.state.items()}
 
 
 _COLUMNS: Final = (

@@ -24,7 +24,7 @@ from app.errors import ThermapError, counted, list_names
 
 Message: TypeAlias = str | Callable[[], str]
 
-SHOWN: Final = 8
+MOST_PROBLEMS: Final = 8
 """Problems listed of one file: a wrong column is wrong in every line."""
 
 LONGEST_LINE: Final = 20_000
@@ -107,7 +107,7 @@ class Problems:
             )
         )
         self.number += 1
-        if len(self.first) < SHOWN:
+        if len(self.first) < MOST_PROBLEMS:
             self.first.append(f"{place}: {message if isinstance(message, str) else message()}")
 
     def add_once(self, message: str, line: int) -> None:
@@ -126,8 +126,8 @@ class Problems:
         return self._cut([*self.first, *(text for _, text in self.lacks)], len(self.lacks))
 
     def _cut(self, texts: list[str], others: int = 0) -> list[str]:
-        more = self.number + others - SHOWN
-        return texts[:SHOWN] + ([f"{self.file}: … and {more} more"] if more > 0 else [])
+        more = self.number + others - MOST_PROBLEMS
+        return texts[:MOST_PROBLEMS] + ([f"{self.file}: … and {more} more"] if more > 0 else [])
 
     def raise_if_any(self) -> None:
         """Raise UnreadableFile with all of them."""
@@ -213,13 +213,13 @@ class DelimitedText:
         text = row.cells[column]
         if not text:
             return None
-        found = read_number(text, decimal_comma=self.decimal_comma)
-        if found is None:
+        value = read_number(text, decimal_comma=self.decimal_comma)
+        if value is None:
             of_unit = f" in {unit}" if unit else ""
             self.complain(row, column, f"expected a number{of_unit}, got {text!r}")
         elif self.decimal_comma and (mistaken := self._marks.mistaken(row, column, text)):
             self.complain(*mistaken)
-        return found
+        return value
 
 
 def read_delimited(file: Path, problems: Problems) -> DelimitedText:
@@ -272,7 +272,7 @@ def parse_delimited(
     """
     comments: list[tuple[int, str]] = []
     contents: list[tuple[int, str]] = []
-    stated = None
+    delimiter_named = None
     lines = text.count("\n") + text.count("\r") - text.count("\r\n")
     if is_sent and lines > MOST_LINES:
         problems.add(f"expected at most {MOST_LINES} lines, got more")
@@ -281,8 +281,8 @@ def parse_delimited(
         if len(written) > LONGEST_LINE:
             problems.add(f"expected at most {LONGEST_LINE} characters, got {len(written)}", line)
             problems.raise_if_any()
-        if not contents and not stated and (says := _STATED_DELIMITER.fullmatch(written)):
-            stated = says[1]
+        if not contents and not delimiter_named and (says := _STATED_DELIMITER.fullmatch(written)):
+            delimiter_named = says[1]
             continue
         bare = written.strip().strip('"').lstrip()
         if bare.startswith("#"):
@@ -290,8 +290,10 @@ def parse_delimited(
         elif written.strip(" \t;,"):
             contents.append((line, written))
     if not contents and not is_one_table:
-        said = [_comment(line, written, stated or "\t") for line, written in comments]
-        return DelimitedText(problems, said, [], 0, [], decimal_comma=True)
+        comments_read = [
+            _comment(line, written, delimiter_named or "\t") for line, written in comments
+        ]
+        return DelimitedText(problems, comments_read, [], 0, [], decimal_comma=True)
     if not contents:
         problems.add("expected a line of column names and lines of values, got none")
         problems.raise_if_any()
@@ -302,7 +304,7 @@ def parse_delimited(
         problems.add(f"expected at most {MOST_COMMENTS} comment lines, got {len(comments)}")
         problems.raise_if_any()
     heading_line, first = contents[0]
-    delimiter = stated or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
+    delimiter = delimiter_named or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
@@ -323,8 +325,8 @@ def parse_delimited(
         _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
-    said = [_comment(line, written, delimiter) for line, written in comments]
-    return DelimitedText(problems, said, headings, heading_line, evened, decimal_comma)
+    comments_read = [_comment(line, written, delimiter) for line, written in comments]
+    return DelimitedText(problems, comments_read, headings, heading_line, evened, decimal_comma)
 
 
 def read_text(file: Path) -> str:
@@ -429,14 +431,14 @@ def _expect_comments(
     line: int, headings: Sequence[str], rows: Sequence[Row], problems: Problems
 ) -> None:
     """Refuse what is stated above the columns without #, instead of taking it for columns."""
-    said, *values = [heading for heading in headings if heading]
-    key, _, rest = said.partition(":")
+    comment, *values = [heading for heading in headings if heading]
+    key, _, rest = comment.partition(":")
     wider = any(sum(map(bool, row.cells)) > len(headings) for row in rows)
     if wider and len(values) <= 1 and _STATEMENT.fullmatch(key.strip()):
         value = " ".join([rest.strip(), *values]).strip()
         problems.add(
             "expected # before each line above the column names, such as "
-            f"`# {key.strip()}: {value}`, got {' '.join([said, *values])!r}",
+            f"`# {key.strip()}: {value}`, got {' '.join([comment, *values])!r}",
             line,
         )
         problems.raise_if_any()

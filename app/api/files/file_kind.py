@@ -82,10 +82,10 @@ def _kind_of_sheets(sheets: Mapping[str, str], file: Path) -> FileKind | None:
         return FileKind.MAP if has_error_columns(text) else None
     if tables.headings & _TIMES:
         return FileKind.CHECK
-    stated = {normal_heading(comment.text.partition(":")[0]) for comment in tables.header.comments}
+    names = {normal_heading(comment.text.partition(":")[0]) for comment in tables.header.comments}
     # One time for all values may be that of either; a check needs one, and no temperatures.
-    has_temperatures = any(name.startswith("temperature") for name in stated)
-    return FileKind.MAP if has_temperatures or "measured_at" not in stated else None
+    has_temperatures = any(name.startswith("temperature") for name in names)
+    return FileKind.MAP if has_temperatures or "measured_at" not in names else None
 
 
 def is_json(content: bytes, file: Path) -> bool:
@@ -107,11 +107,11 @@ def refuse_other_kind(expected: FileKind, content: bytes, file: Path) -> None:
     OtherKind
         If it does.
     """
-    found = kind_of_file(content, file)
-    if found is None or found is expected:
+    kind = kind_of_file(content, file)
+    if kind is None or kind is expected:
         return
-    command = _COMMANDS[found].format(f'"{file}"' if " " in str(file) else file)
-    sentence = f"{file}: expected {expected.words}, got {found.words}: {command}"
+    command = _COMMANDS[kind].format(f'"{file}"' if " " in str(file) else file)
+    sentence = f"{file}: expected {expected.words}, got {kind.words}: {command}"
     error = OtherKind(sentence, [FieldError("file", sentence)])
-    error.kind = found
+    error.kind = kind
     raise error

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.api.files.contract_json import check_contract, json_of
-from app.api.files.csv_comments import Stated, with_stated
+from app.api.files.csv_comments import Header, with_stated
 from app.api.files.csv_error_map import CsvErrorMap, parse_csv_error_map
 from app.api.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
 from app.api.files.delimited_text import Problems, UnreadableFile, only_sheet, sheets_of
@@ -29,7 +29,7 @@ class UploadedMeasurement:
 
 
 def read_uploaded_map(
-    content: bytes, name: str, machine: str, stated: Stated, method: str | None = None
+    content: bytes, name: str, machine: str, header: Header, method: str | None = None
 ) -> CsvErrorMap | UploadedMeasurement:
     """Read an error map, or a measurement that makes one, from what is in a file.
 
@@ -40,7 +40,7 @@ def read_uploaded_map(
     ----------
     name
         The file's name, under which complaints stand.
-    stated
+    header
         What takes precedence over what the file says.
     method
         By which method it was measured, where the file holds readings and no map.
@@ -56,48 +56,50 @@ def read_uploaded_map(
     file = Path(Path(name).name or "file.csv")
     expects_map = method is None
     try:
-        found: CsvErrorMap | CsvMeasurement
+        content_read: CsvErrorMap | CsvMeasurement
         is_contract = expects_map and is_json(content, file)
         sheets = {} if is_contract else sheets_of(content, file)
         written = None if is_contract else format_of_text(file, next(iter(sheets.values()), ""))
         if is_contract:
-            found = _of_json(content, file, stated)
+            content_read = _of_json(content, file, header)
         elif written is not None:
             method = _method_of(file, written, method)
             text = only_sheet(sheets, file)
-            read = written.read(text, file, stated.axis)
-            found = completed(read, method, file, stated, complete=True)
+            read = written.read(text, file, header.axis)
+            content_read = completed(read, method, file, header, complete=True)
         elif method is not None:
             text = only_sheet(sheets, file)
-            found = read_csv_measurement(method, text, name=str(file), stated=stated, complete=True)
+            content_read = read_csv_measurement(
+                method, text, name=str(file), header=header, complete=True
+            )
         else:
-            found = parse_csv_error_map(sheets, file, stated)
+            content_read = parse_csv_error_map(sheets, file, header)
     except UnreadableFile as error:
         if expects_map:
             refuse_other_kind(FileKind.MAP, content, file)
         errors = [FieldError("file", line) for line in error.wrong]
         errors += [FieldError(lack.field, lack.message) for lack in error.lacks]
         raise InvalidContent(error.detail, errors) from None
-    if found.machine not in (None, machine):
+    if content_read.machine not in (None, machine):
         raise InvalidContent.of_field(
             "file",
             f"{file}: expected a map of machine {machine!r}, got one that says that it is of "
-            f"{found.machine!r}",
+            f"{content_read.machine!r}",
         )
-    if isinstance(found, CsvErrorMap):
-        return found
+    if isinstance(content_read, CsvErrorMap):
+        return content_read
     assert method is not None
-    return UploadedMeasurement(method, found.body, found.remarks)
+    return UploadedMeasurement(method, content_read.body, content_read.remarks)
 
 
-def _of_json(content: bytes, file: Path, stated: Stated) -> CsvErrorMap:
+def _of_json(content: bytes, file: Path, header: Header) -> CsvErrorMap:
     """Read the one map in a request's JSON, or in an answer's."""
     problems = Problems(file)
     document = json_of(content, problems)
     if isinstance(document, dict):
-        document = with_stated(document, stated)
+        document = with_stated(document, header)
     entries = check_contract(document, problems)
-    maps = [one for one in entries if isinstance(one, ErrorMapSchema)]
+    maps = [entry for entry in entries if isinstance(entry, ErrorMapSchema)]
     if len(entries) > 1:
         problems.add(
             f"expected one error map, got {len(entries)} entries: send one after the other"
@@ -109,10 +111,10 @@ def _of_json(content: bytes, file: Path, stated: Stated) -> CsvErrorMap:
     return CsvErrorMap(maps[0], None, ())
 
 
-def _method_of(file: Path, written: InstrumentFormat, stated: str | None) -> str:
-    if stated not in (None, written.method):
+def _method_of(file: Path, written: InstrumentFormat, method: str | None) -> str:
+    if method not in (None, written.method):
         raise InvalidContent.of_field(
             "method",
-            f"expected {written.method}, which {file} holds as {written.name}, got {stated}",
+            f"expected {written.method}, which {file} holds as {written.name}, got {method}",
         )
     return written.method

@@ -56,18 +56,18 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     try:
         if is_json(content, file):
             problems = Problems(file)
-            found = check_verification(json_of(content, problems), problems)
-            return UploadedVerification(file, found, (), ())
+            verification = check_verification(json_of(content, problems), problems)
+            return UploadedVerification(file, verification, (), ())
         read = parse_csv_verification(sheets_of(content, file), file)
         if read.machine not in (None, machine):
             raise UnreadableFile(
                 f"{file} says that it belongs to {read.machine!r}, got {machine!r}"
             )
-        found = check_verification(read.body, Problems(file), read.lines)
+        verification = check_verification(read.body, Problems(file), read.lines)
     except UnreadableFile as error:
         refuse_other_kind(FileKind.CHECK, content, file)
         raise _of_lines(error.wrong) from None
-    return UploadedVerification(file, found, read.remarks, read.lines)
+    return UploadedVerification(file, verification, read.remarks, read.lines)
 
 
 def _of_lines(lines: Sequence[str]) -> InvalidContent:

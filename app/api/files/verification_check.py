@@ -36,17 +36,19 @@ def check_verification(
         With everything that is wrong, also what was in `problems` before.
     """
     shape = PlannedVerification if is_planned else VerificationRequest
-    found = None
+    verification = None
     try:
-        found = shape.model_validate(body).to_verification()
+        verification = shape.model_validate(body).to_verification()
     except ValidationError as error:
         wrong = map(field_error, error.errors())
-        complain_of_fields(problems, lines, ((one.field, one.message) for one in wrong))
+        complain_of_fields(problems, lines, ((problem.field, problem.message) for problem in wrong))
     except InvalidContent as error:
-        complain_of_fields(problems, lines, ((one.field, one.message) for one in error.errors))
+        complain_of_fields(
+            problems, lines, ((problem.field, problem.message) for problem in error.errors)
+        )
     problems.raise_if_any()
-    assert found is not None  # else there were problems
-    return found
+    assert verification is not None  # else there were problems
+    return verification
 
 
 def complain_of_fields(

@@ -229,27 +229,27 @@ class _Workbook:
                 styles = _Styles()
                 self.parts.read(target, styles)
                 self.dates = styles.dates
-        found: dict[str, Rows] = {}
+        sheets: dict[str, Rows] = {}
         for title, number in listed:
             kind, target = related.get(number, ("", ""))
             if kind == "worksheet":
                 rows = _Sheet(self)
                 self.parts.read(target, rows)
-                found[title] = rows.found
-        return found
+                sheets[title] = rows.found
+        return sheets
 
     def _targets(self, name: str, folder: str) -> dict[str, tuple[str, str]]:
         """Read a part's relations: number to kind and target."""
-        found: dict[str, tuple[str, str]] = {}
+        targets: dict[str, tuple[str, str]] = {}
 
         def relation(attributes: Mapping[str, str]) -> None:
             if attributes.get("TargetMode") != "External":
                 target = posixpath.normpath(posixpath.join("/", folder, attributes["Target"]))
                 kind = attributes["Type"].rpartition("/")[2]
-                found[attributes["Id"]] = kind, target.lstrip("/")
+                targets[attributes["Id"]] = kind, target.lstrip("/")
 
         self.parts.read(name, _Attributes({"Relationship": relation}))
-        return found
+        return targets
 
     def count(self, row: Sequence[str]) -> None:
         """Count a row's cells, empty ones too, and what stands in them."""
@@ -368,8 +368,8 @@ class _Sheet(_Reader):
     def start(self, element: str, attributes: Mapping[str, str]) -> None:
         self._takes = False
         if element == "row":
-            stated = attributes.get("r", "")
-            number = int(stated[:LONGEST_NUMBER]) if stated else self._number + 1
+            reference = attributes.get("r", "")
+            number = int(reference[:LONGEST_NUMBER]) if reference else self._number + 1
             if not self._number < number <= MOST_LINES:
                 raise NoTable(
                     f"expected rows in order, at most {MOST_LINES}, got row {number} after row "
@@ -450,10 +450,10 @@ def _column_of(reference: str, last: int) -> int:
     """Give a cell's column from 1; the next one where it states none."""
     if not reference:
         return last + 1
-    found = _CELL.fullmatch(reference)
-    if found is None:
+    match = _CELL.fullmatch(reference)
+    if match is None:
         raise NoTable(f"expected a cell such as B7, got {reference[:20]!r}")
     column = 0
-    for letter in found[1].upper():
+    for letter in match[1].upper():
         column = column * 26 + ord(letter) - ord("A") + 1
     return column

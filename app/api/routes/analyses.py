@@ -146,21 +146,21 @@ def post_adopt(
     the version before takes them back. Where tables would no longer be complete, because an
     effect needs a state that readings do not state, the version is stored and waits.
     """
-    asked = body or AdoptionRequest()
+    adoption = body or AdoptionRequest()
     if preview:
-        found = preview_adoption(
-            context, machine, analysis_id, asked.effects, onto_active=asked.onto_active
+        difference = preview_adoption(
+            context, machine, analysis_id, adoption.effects, onto_active=adoption.onto_active
         )
-        return PreviewAnswer.of(found)
-    made = adopt_analysis(
+        return PreviewAnswer.of(difference)
+    new_version = adopt_analysis(
         context,
         machine,
         analysis_id,
-        asked.effects,
-        onto_active=asked.onto_active,
+        adoption.effects,
+        onto_active=adoption.onto_active,
         accept_losses=accept_losses,
     )
-    return ChangedModelAnswer.of_made(machine, made)
+    return ChangedModelAnswer.of_made(machine, new_version)
 
 
 @router.delete("/{analysis_id}", status_code=204, summary="Delete an analysis")

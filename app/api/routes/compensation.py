@@ -73,5 +73,5 @@ async def get_compensation(
 
 def _matches(if_none_match: str, tag: str) -> bool:
     """Compare weakly (RFC 9110, 13.1.2)."""
-    stated = {part.strip().removeprefix("W/") for part in if_none_match.split(",")}
-    return f'"{tag}"' in stated or "*" in stated
+    tags = {part.strip().removeprefix("W/") for part in if_none_match.split(",")}
+    return f'"{tag}"' in tags or "*" in tags

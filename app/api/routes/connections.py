@@ -26,7 +26,9 @@ def get_connections(request: Request) -> ConnectionsNow:
     reports: ConnectionReports = request.app.state.connection_reports
     may_see = sees(request)
     now = reports.now()
-    seen = tuple(one for one in now.connections if all(map(may_see, one.machines)))
+    seen = tuple(
+        connection for connection in now.connections if all(map(may_see, connection.machines))
+    )
     clocks = tuple(filter(may_see, now.machines_with_wrong_clocks))
     words = now.last_refusal if len(seen) == len(now.connections) else ""
     return replace(now, connections=seen, last_refusal=words, machines_with_wrong_clocks=clocks)

@@ -53,7 +53,7 @@ ControllerQuery = Annotated[
 @router.get("/v1/controllers", summary="List the controllers' file formats")
 def get_controllers() -> ControllersAnswer:
     """List every format with its sign, units, limits, options, and how surely it is known."""
-    return ControllersAnswer(controllers=[ControllerAnswer.of(one) for one in FORMATS.values()])
+    return ControllersAnswer(controllers=[ControllerAnswer.of(form) for form in FORMATS.values()])
 
 
 @router.post(
@@ -77,8 +77,10 @@ def post_export(
     `thermap-answer.json`.
     """
     bands = None if body.bands is None else body.bands.wanted()
-    found = export_compensation(context, machine, controller, body.options, body.question(), bands)
-    answer = ExportAnswer.of(found)
+    exported = export_compensation(
+        context, machine, controller, body.options, body.question(), bands
+    )
+    answer = ExportAnswer.of(exported)
     if chosen_form(accept, [JSON, ZIP]) == ZIP:
         return Response(_zip(answer), media_type=ZIP, headers={"Vary": "Accept"})
     written = answer.model_dump_json(exclude_none=False)
@@ -95,10 +97,10 @@ def post_compare(
     context: ContextDep, machine: MachinePath, controller: ControllerQuery, body: CompareRequest
 ) -> CompareAnswer:
     """Compare a controller's files with the table: forgotten, stale and foreign compensation."""
-    found = compare_files(
+    compared = compare_files(
         context, machine, controller, files_of(body.files), body.options, body.question()
     )
-    return CompareAnswer.of(found)
+    return CompareAnswer.of(compared)
 
 
 @router.post(

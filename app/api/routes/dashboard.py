@@ -89,9 +89,9 @@ def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> Pa
     view = show_setup(context, machine)
     reports: ConnectionReports = request.app.state.connection_reports
     sources = [
-        Source(one.name, one.connected, one.trouble)
-        for one in reports.now().connections
-        if machine in one.machines
+        Source(connection.name, connection.connected, connection.trouble)
+        for connection in reports.now().connections
+        if machine in connection.machines
     ]
     return Page(setup_page(view, sources, context.now()), scripts=0, headers=_HEADERS)
 
@@ -164,8 +164,8 @@ def get_left_of_check(
 
     That nothing of it can be compared is an answer here, and no error.
     """
-    found = show_left_of_check(context, machine, verification)
-    return Page(left_of_check(found), scripts=0, headers=_HEADERS)
+    remaining = show_left_of_check(context, machine, verification)
+    return Page(left_of_check(remaining), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/export", response_class=Page)
@@ -199,8 +199,8 @@ def get_compared_residuals(
     b: Annotated[int, Query(ge=1, le=2**31 - 1)],
 ) -> Page:
     """Show what two versions leave of the same checks, as a part of the page of maps."""
-    found = show_compared_checks(context, machine, a, b)
-    return Page(compared_residuals(found, machine, context.now()), scripts=0, headers=_HEADERS)
+    compared = show_compared_checks(context, machine, a, b)
+    return Page(compared_residuals(compared, machine, context.now()), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/maps/preview/{version}", response_class=Page)
@@ -259,7 +259,7 @@ def get_events(
     """Show what happened to a machine; `kind` holds the list to one, `before` goes on in it."""
     status = show_status(context, machine)
     kinds = [EventKind(kind)] if kind else []
-    found = show_events(context, machine, kinds=kinds, before=before, limit=100)
+    events = show_events(context, machine, kinds=kinds, before=before, limit=100)
     receivers = show_receivers(context, machine).receivers
-    page = events_page(status, found, receivers, context.now(), kind, before)
+    page = events_page(status, events, receivers, context.now(), kind, before)
     return Page(page, scripts=0, headers=_HEADERS)

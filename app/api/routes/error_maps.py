@@ -122,11 +122,11 @@ def answer_to_map(
         response.status_code = 200
         previewed = preview_error_map(context, machine, error_map)
         return PreviewAnswer.of(replace(previewed, remarks=[*notes, *previewed.remarks]))
-    found = store_error_map(context, machine, error_map, accept_losses=accept_losses)
-    response.status_code = 201 if found.is_new else 200
-    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{found.stored.id}"
-    warnings = [*notes, *found.remarks]
+    outcome = store_error_map(context, machine, error_map, accept_losses=accept_losses)
+    response.status_code = 201 if outcome.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{outcome.stored.id}"
+    warnings = [*notes, *outcome.remarks]
     # A map that costs nothing is answered as it is shown, now and later.
-    costs = found.made is not None and found.made.difference.loses
-    made = change_fields(machine, found.made) if costs else {}
-    return ErrorMapAnswer.of(found.stored, found.in_active_model, warnings, made)
+    costs = outcome.made is not None and outcome.made.difference.loses
+    change = change_fields(machine, outcome.made) if costs else {}
+    return ErrorMapAnswer.of(outcome.stored, outcome.in_active_model, warnings, change)

@@ -54,10 +54,10 @@ def get_all_events(
     form: FormatQuery = "json",
 ) -> Events | Response:
     """List the events of all machines, and those about keys."""
-    found = show_events(
+    events = show_events(
         context, None, since=since, until=until, kinds=kind or (), before=before, limit=limit
     )
-    return _answer(request, found, form)
+    return _answer(request, events, form)
 
 
 @router.get(
@@ -81,10 +81,10 @@ def get_events(
 
     Alarms and sensors' failures are kept for 90 days after they went, changes for ever.
     """
-    found = show_events(
+    events = show_events(
         context, machine, since=since, until=until, kinds=kind or (), before=before, limit=limit
     )
-    return _answer(request, found, form)
+    return _answer(request, events, form)
 
 
 def _answer(request: Request, events: Events, form: str) -> Events | Response:

@@ -77,7 +77,7 @@ router = Router(route_class=FileRoute, read_first=_recognised, tags=["error maps
 def post_file(
     context: ContextDep,
     machine: MachinePath,
-    found: Annotated[FoundMap | UploadedVerification, Depends(_recognised)],
+    upload: Annotated[FoundMap | UploadedVerification, Depends(_recognised)],
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
@@ -92,25 +92,25 @@ def post_file(
     file was not read stands in `warnings`. All else is as with the same in JSON. The preview of
     check measurements says how they were read; whether tables change they do not decide.
     """
-    if isinstance(found, FoundMap):
+    if isinstance(upload, FoundMap):
         return answer_to_map(
             context,
             machine,
-            found.error_map,
+            upload.error_map,
             response,
             preview=preview,
             accept_losses=accept_losses,
-            notes=found.remarks,
+            notes=upload.remarks,
         )
-    check = found.verification
+    check = upload.verification
     try:
         if not preview:
-            return answer_to_verification(context, machine, check, response, found.remarks)
+            return answer_to_verification(context, machine, check, response, upload.remarks)
         check_verification(context, machine, check)
     except InvalidContent as error:
-        raise found.refusal(error) from None
+        raise upload.refusal(error) from None
     response.status_code = 200
-    return VerificationPreview.of(check, [*found.remarks, *check.remarks])
+    return VerificationPreview.of(check, [*upload.remarks, *check.remarks])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

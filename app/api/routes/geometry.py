@@ -85,18 +85,18 @@ def post_volumetric_error(
     x, y, z [µm] and orientation x, y, z [µrad]; as an Arrow stream it has these as
     columns. What JSON says beside the numbers is then in the header `Thermap-Answer`.
     """
-    found = compute_volumetric_error(
+    errors = compute_volumetric_error(
         context,
         machine,
         body.question(),
         np.asarray(body.points_mm),
         outside_travel_allowed=body.outside_travel == "allow",
     )
-    head = head_of(found.answer, found.warnings)
+    head = head_of(errors.answer, errors.warnings)
     form = chosen_form(accept, [JSON, NPY, ARROW])
     if form == JSON:
-        head["outside_travel"] = found.outside_travel
-    errors_um, orientation_urad = found.errors_um, found.orientation_urad
+        head["outside_travel"] = errors.outside_travel
+    errors_um, orientation_urad = errors.errors_um, errors.orientation_urad
     if body.several_states and errors_um.ndim == 2:
         errors_um, orientation_urad = errors_um[None], orientation_urad[None]
     return vectors_response(form, head, errors_um, orientation_urad)
@@ -116,11 +116,11 @@ def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> R
     nodes = body.nodes()
     if nodes is None:
         tolerance_um = body.tolerance_um or 0.0
-        found = grid_for_tolerance(context, machine, body.question(), tolerance_um, body.travels())
+        grid = grid_for_tolerance(context, machine, body.question(), tolerance_um, body.travels())
     else:
         x, y, z = (np.array(along, dtype=np.float64) for along in nodes)
-        found = compute_grid(context, machine, body.question(), (x, y, z))
-    return Response(_grid_json(found), media_type=JSON)
+        grid = compute_grid(context, machine, body.question(), (x, y, z))
+    return Response(_grid_json(grid), media_type=JSON)
 
 
 @router.post(MACHINE + "/volumetric-accuracy", summary="Volumetric accuracy by every definition")
@@ -129,8 +129,10 @@ def post_accuracy(
     context: ContextDep, machine: MachinePath, body: AccuracyRequest
 ) -> AccuracyAnswer:
     """Measure the work volume by the chapter's sums, definitions 1 and 2, diagonals and lines."""
-    found = assess_accuracy(context, machine, body.question(), body.travels())
-    return AccuracyAnswer.of(head_of(found.answer, found.warnings), found.volume, found.accuracy)
+    accuracy = assess_accuracy(context, machine, body.question(), body.travels())
+    return AccuracyAnswer.of(
+        head_of(accuracy.answer, accuracy.warnings), accuracy.volume, accuracy.accuracy
+    )
 
 
 @router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
@@ -150,11 +152,11 @@ def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) 
     Each level has the tables that such a controller needs, with squareness folded into
     straightness, and what it leaves of the volumetric error over the work volume.
     """
-    found = compare_levels(context, machine, body.question(), body.travels(), body.points_per_axis)
+    levels = compare_levels(context, machine, body.question(), body.travels(), body.points_per_axis)
     return LevelsAnswer(
-        **head_of(found.answer, found.warnings),
-        volume=volume_of(found.volume),
-        levels=[LevelAnswer.of(level) for level in found.levels],
+        **head_of(levels.answer, levels.warnings),
+        volume=volume_of(levels.volume),
+        levels=[LevelAnswer.of(level) for level in levels.levels],
     )
 
 
@@ -169,7 +171,7 @@ def post_rotary_error(
 ) -> Response:
     """Turn points about the axes where they are and where they should be: the difference."""
     points_mm = np.array(body.points_mm, dtype=np.float64)
-    found = compute_rotary_error(
+    rotary = compute_rotary_error(
         context,
         machine,
         body.question(),
@@ -181,14 +183,14 @@ def post_rotary_error(
     )
     lengths = {
         f"{which}{name}_um": to_tenth_nm(of(vectors))
-        for which, vectors in (("", found.errors_um), ("left_", found.left_um))
+        for which, vectors in (("", rotary.errors_um), ("left_", rotary.left_um))
         for name, of in (("rms", rms_length), ("max", largest_length))
     }
-    fields = head_of(found.answer, list(found.answer.warnings)) | {
-        "errors_um": rounded(found.errors_um),
-        "left_um": rounded(found.left_um),
+    fields = head_of(rotary.answer, list(rotary.answer.warnings)) | {
+        "errors_um": rounded(rotary.errors_um),
+        "left_um": rounded(rotary.left_um),
         **lengths,
-        "locations": {code: to_tenth_nm(value) for code, value in found.locations.items()},
+        "locations": {code: to_tenth_nm(value) for code, value in rotary.locations.items()},
     }
     return Response(orjson.dumps(fields, option=OPTIONS), media_type=JSON)
 

@@ -51,5 +51,5 @@ async def get_metrics(request: Request) -> Response:
     """
     state = request.app.state
     machines = await state.machine_metrics.answer() or machine_metrics(None)
-    own = generate_latest(state.metrics.registry)
-    return Response(own + machines, media_type=CONTENT_TYPE_LATEST)
+    own_metrics = generate_latest(state.metrics.registry)
+    return Response(own_metrics + machines, media_type=CONTENT_TYPE_LATEST)

@@ -66,28 +66,35 @@ def get_history(
     """
     place = None if component is None else Place(component, position_mm)
     sensors = sensor or ()
-    found = show_history(
+    history = show_history(
         context, machine, since, until, sensors, points, place, residuals=residuals
     )
     if form != "csv" and CSV not in request.headers.get("accept", ""):
-        return found
-    text = "".join(map(csv_line, (_HEADING, *_rows(found))))
+        return history
+    text = "".join(map(csv_line, (_HEADING, *_rows(history))))
     headers = {"Content-Disposition": 'attachment; filename="history.csv"'}
     return Response(text, media_type=CSV, headers=headers)
 
 
-def _rows(found: History) -> Iterator[tuple[Any, ...]]:
+def _rows(history: History) -> Iterator[tuple[Any, ...]]:
     def at(after_s: float) -> str:
-        return (found.since + timedelta(seconds=after_s)).isoformat()
+        return (history.since + timedelta(seconds=after_s)).isoformat()
 
-    for one in found.sensors:
-        columns = (one.after_s, one.mean_c, one.low_c, one.high_c, one.count, one.gap_s)
+    for sensor in history.sensors:
+        columns = (
+            sensor.after_s,
+            sensor.mean_c,
+            sensor.low_c,
+            sensor.high_c,
+            sensor.count,
+            sensor.gap_s,
+        )
         for after_s, *values in zip(*columns, strict=True):
-            yield (at(after_s), one.sensor, "°C", *values)
-    for check in found.checks:
+            yield (at(after_s), sensor.sensor, "°C", *values)
+    for check in history.checks:
         if check.left_um is not None:
             yield (check.time.isoformat(), f"check {check.label}", "µm", check.left_um, *4 * ("",))
-    course = found.compensation
+    course = history.compensation
     if course is not None:
         where = "" if course.position_mm is None else f" at {course.position_mm:g} mm"
         for after_s, value in zip(course.after_s, course.values, strict=True):

@@ -60,10 +60,10 @@ def get_keys(context: ContextDep) -> list[AccessKey]:
 @router.post("", status_code=201, summary="Make a key")
 def post_key(context: ContextDep, body: KeyRequest, response: Response) -> NewAccessKey:
     """Make a key; the answer's `secret` is shown this once, and stored nowhere."""
-    made = create_key(context.database, body.name, body.role, body.machines, context.now)
-    response.headers["Location"] = f"/v1/keys/{made.key.name}"
+    new_key = create_key(context.database, body.name, body.role, body.machines, context.now)
+    response.headers["Location"] = f"/v1/keys/{new_key.key.name}"
     response.headers.update(_STORED_NOWHERE)
-    return made
+    return new_key
 
 
 @router.delete("/{name}", status_code=204, summary="Revoke a key")

@@ -67,7 +67,7 @@ async def post_login(request: Request) -> Response:
     session = await run_in_threadpool(control.ring.open_browser, secret)
     if session is None:
         return _page(onward, _NO_KEY, 403)
-    answer = RedirectResponse(_own(onward), status_code=303)
+    answer = RedirectResponse(_path_of_ours(onward), status_code=303)
     answer.set_cookie(
         COOKIE,
         session,
@@ -95,12 +95,12 @@ async def post_logout(request: Request) -> Response:
 def _page(
     onward: str, wrong: str, status: int = 200, headers: Mapping[str, str] | None = None
 ) -> Page:
-    page = render_live("login.html", onward=_own(onward), wrong=wrong)
-    kept = {**_HEADERS, **(headers or {})}
-    return Page(page, scripts=0, headers=kept, status=status, has_form=True)
+    page = render_live("login.html", onward=_path_of_ours(onward), wrong=wrong)
+    all_headers = {**_HEADERS, **(headers or {})}
+    return Page(page, scripts=0, headers=all_headers, status=status, has_form=True)
 
 
-def _own(path: str) -> str:
+def _path_of_ours(path: str) -> str:
     """Give a path of the service's own pages: nobody is sent on to another host."""
     is_own = path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable()
     return path if is_own else "/"

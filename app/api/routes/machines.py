@@ -34,8 +34,12 @@ def post_machine(context: ContextDep, body: MachineSettings, response: Response)
 def get_machines(request: Request, context: ContextDep) -> list[MachineAnswer]:
     """List all machines by id."""
     may_see = sees(request)
-    stored = [one for one in show_machines(context) if may_see(one.machine.id)]
-    return [MachineAnswer.of(one) for one in stored]
+    stored = [
+        stored_machine
+        for stored_machine in show_machines(context)
+        if may_see(stored_machine.machine.id)
+    ]
+    return [MachineAnswer.of(stored_machine) for stored_machine in stored]
 
 
 @router.get("/{machine}", summary="Show a machine")

@@ -103,11 +103,11 @@ def post_step_diagonal(
 ) -> StepDiagonalAnswer:
     """Derive nine translations and three squareness errors from three or four diagonals."""
     described = measured_machine(context, machine)
-    found = step_diagonal_of(described, body)
+    evaluated = step_diagonal_of(described, body)
     measured = store_measurement(
-        context, described, "step-diagonal", body.header(), found.result, storing
+        context, described, "step-diagonal", body.header(), evaluated.result, storing
     )
-    closure = found.closure_um
+    closure = evaluated.closure_um
     return StepDiagonalAnswer(
         **answer_fields(measured),
         closure_um=None if closure is None else closure.tolist(),
@@ -122,16 +122,16 @@ def post_body_diagonal(
 ) -> BodyDiagonalAnswer:
     """Evaluate Ed and ESd, and squareness from the ends."""
     described = measured_machine(context, machine)
-    found = body_diagonal_of(described, body)
+    evaluated = body_diagonal_of(described, body)
     measured = store_measurement(
-        context, described, "body-diagonal", body.header(), found.result, storing
+        context, described, "body-diagonal", body.header(), evaluated.result, storing
     )
     return BodyDiagonalAnswer(
         **answer_fields(measured),
-        Ed_um=found.accuracy.ed_um,
-        ESd_um=found.accuracy.esd_um,
-        diagonals_um=dict(found.accuracy.ranges_um),
-        reversal_um=dict(found.reversal_um),
+        Ed_um=evaluated.accuracy.ed_um,
+        ESd_um=evaluated.accuracy.esd_um,
+        diagonals_um=dict(evaluated.accuracy.ranges_um),
+        reversal_um=dict(evaluated.reversal_um),
     )
 
 
@@ -146,13 +146,13 @@ async def post_positioning(
     """Evaluate runs over target positions; both directions are kept."""
     described = (await machine_in_memory(request, context, machine)).current.model.machine
     # A million readings take seconds: they are evaluated before it is our turn at the database.
-    found = await in_a_thread(lambda: positioning_of(body))
+    evaluated = await in_a_thread(lambda: positioning_of(body))
 
     def stored() -> PositioningAnswer:
         measured = store_measurement(
-            context, described, "positioning", body.header(), found.result, storing
+            context, described, "positioning", body.header(), evaluated.result, storing
         )
-        targets = PositioningAnswer.targets_of(found)
+        targets = PositioningAnswer.targets_of(evaluated)
         return PositioningAnswer(**answer_fields(measured), targets=targets)
 
     turns: Turns = request.app.state.turns
@@ -193,22 +193,22 @@ def post_machined_part(
             None if path is None else triple(path),
             triple(body.tool_offset_mm),
         )
-    found = machined_part_of(body, None if predicted is None else predicted.predicted_um)
+    evaluated = machined_part_of(body, None if predicted is None else predicted.predicted_um)
     measured = store_measurement(
-        context, described, "machined-part", body.header(), found.result, storing
+        context, described, "machined-part", body.header(), evaluated.result, storing
     )
     fields = answer_fields(measured)
     comparison = None
-    if predicted is not None and found.comparison is not None:
+    if predicted is not None and evaluated.comparison is not None:
         fields["notes"] += predicted.notes
         comparison = ComparisonAnswer.of(
-            found.comparison, predicted.predicted_um.tolist(), predicted.model_version
+            evaluated.comparison, predicted.predicted_um.tolist(), predicted.model_version
         )
     return MachinedPartAnswer(
         **fields,
-        straightness_um=found.straightness_um,
-        slope_um_per_m=found.slope_um_per_m,
-        suspicious=list(found.suspicious_measured),
+        straightness_um=evaluated.straightness_um,
+        slope_um_per_m=evaluated.slope_um_per_m,
+        suspicious=list(evaluated.suspicious_measured),
         comparison=comparison,
     )
 
@@ -221,20 +221,20 @@ def post_drilled_plate(
 ) -> DrilledPlateAnswer:
     """Take scale, squareness and axis errors from holes, up to a rigid motion."""
     described = measured_machine(context, machine)
-    found = drilled_plate_of(body)
+    evaluated = drilled_plate_of(body)
     measured = store_measurement(
-        context, described, "drilled-plate", body.header(), found.result, storing
+        context, described, "drilled-plate", body.header(), evaluated.result, storing
     )
-    errors = found.scale_standard_errors_um_per_m.tolist()
+    errors = evaluated.scale_standard_errors_um_per_m.tolist()
     return DrilledPlateAnswer(
         **answer_fields(measured),
-        rotation_urad=found.rotation_urad,
-        shift_mm=found.shift_mm.tolist(),
-        scale_um_per_m=found.scale_um_per_m.tolist(),
+        rotation_urad=evaluated.rotation_urad,
+        shift_mm=evaluated.shift_mm.tolist(),
+        scale_um_per_m=evaluated.scale_um_per_m.tolist(),
         scale_standard_errors_um_per_m=[None if math.isnan(e) else e for e in errors],
-        squareness_um_per_m=found.squareness_um_per_m,
-        residuals_um=found.residuals_um.tolist(),
-        suspicious=list(found.suspicious),
+        squareness_um_per_m=evaluated.squareness_um_per_m,
+        residuals_um=evaluated.residuals_um.tolist(),
+        suspicious=list(evaluated.suspicious),
     )
 
 
@@ -244,19 +244,19 @@ def post_rotary_axis(
 ) -> RotaryAxisAnswer:
     """Find how a rotary axis lies from the places of a ball that it carries."""
     described = measured_machine(context, machine)
-    found = rotary_axis_of(body)
+    evaluated = rotary_axis_of(body)
     measured = store_measurement(
-        context, described, "rotary-axis", body.header(), found.result, storing
+        context, described, "rotary-axis", body.header(), evaluated.result, storing
     )
     return RotaryAxisAnswer(
         **answer_fields(measured),
-        residuals_um=found.residuals_um.tolist(),
-        noise_um=found.noise_um,
-        degrees_of_freedom=found.degrees_of_freedom,
+        residuals_um=evaluated.residuals_um.tolist(),
+        noise_um=evaluated.noise_um,
+        degrees_of_freedom=evaluated.degrees_of_freedom,
         path=PathErrorsAnswer(
-            before_um=found.path.before_um.tolist(),
-            after_position_um=found.path.position_um.tolist(),
-            after_all_um=found.path.all_um.tolist(),
+            before_um=evaluated.path.before_um.tolist(),
+            after_position_um=evaluated.path.position_um.tolist(),
+            after_all_um=evaluated.path.all_um.tolist(),
         ),
     )
 
@@ -294,7 +294,7 @@ def post_thermal_drift(
     drift = evaluate_thermal_drift(
         described.chain,
         body.test,
-        [one.time.timestamp() for one in recorded],
+        [reading.time.timestamp() for reading in recorded],
         body.displacements_um(),
         axis=body.axis,
         positions_mm=body.positions_mm(),
@@ -306,7 +306,7 @@ def post_thermal_drift(
         states_s=body.states_s(),
         repeatability_um=body.repeatability_um,
     )
-    kept = keep_drift(
+    stored_drift = keep_drift(
         context,
         described,
         body.header(),
@@ -316,14 +316,16 @@ def post_thermal_drift(
         storing,
         as_verification=store_verification,
     )
-    fields = answer_fields(kept.measured)
+    fields = answer_fields(stored_drift.measured)
     if body.measured_at is not None or body.temperatures_c:
         fields["notes"].append(
             "measured_at and temperatures_c of the whole were not used: each reading has its own."
         )
-    if kept.verification is not None:
-        fields["verification"] = DriftVerificationAnswer.of(kept.verification)
-    return ThermalDriftAnswer(**fields, states=[DriftStateAnswer.of(one) for one in kept.states])
+    if stored_drift.verification is not None:
+        fields["verification"] = DriftVerificationAnswer.of(stored_drift.verification)
+    return ThermalDriftAnswer(
+        **fields, states=[DriftStateAnswer.of(state) for state in stored_drift.states]
+    )
 
 
 @router.post("/step-diagonal/simulate", summary="What a laser would read on the step diagonals")
@@ -332,5 +334,5 @@ def post_simulation(
     context: ContextDep, machine: MachinePath, body: StepDiagonalSimulation
 ) -> SimulatedStepDiagonal:
     """Walk the stored machine along its diagonals: for training, and to check a set-up."""
-    found = simulate_step_diagonal(context, machine, body.question(), body.plan())
-    return SimulatedStepDiagonal.of(body, found)
+    simulated = simulate_step_diagonal(context, machine, body.question(), body.plan())
+    return SimulatedStepDiagonal.of(body, simulated)

@@ -63,13 +63,13 @@ def put_assignment(
     """
     if preview:
         return PreviewAnswer.of(preview_assignment(context, machine, body.to_codes()))
-    found = assign_sensors(context, machine, body.to_codes(), accept_losses=accept_losses)
-    assignment = AssignmentSchema.of(dict(found.assignment))
-    if found.made is None or found.made.is_active:
+    assigned = assign_sensors(context, machine, body.to_codes(), accept_losses=accept_losses)
+    assignment = AssignmentSchema.of(dict(assigned.assignment))
+    if assigned.made is None or assigned.made.is_active:
         return assignment
     response.status_code = 202
-    made = change_fields(machine, found.made)
-    return WaitingAssignmentAnswer(assignment=assignment.root, **made)
+    change = change_fields(machine, assigned.made)
+    return WaitingAssignmentAnswer(assignment=assignment.root, **change)
 
 
 @router.post("/sensor-assignment/correlate", summary="Propose sensors by correlation")

@@ -21,7 +21,7 @@ def post_predictions(
     context: ContextDep, machine: MachinePath, body: PredictionRequest
 ) -> PredictionAnswer:
     """Say what the model predicts, with the stored readings' temperatures at each time."""
-    found = predict_errors(
+    predicted = predict_errors(
         context,
         machine,
         body.to_observations(),
@@ -29,9 +29,9 @@ def post_predictions(
         missing_as_zero=body.missing_components == "zero",
     )
     return PredictionAnswer(
-        model_version=found.model_version,
-        predicted_um=found.values,
-        status=found.status,
-        counted_as_zero=found.counted_as_zero,
-        warnings=found.warnings,
+        model_version=predicted.model_version,
+        predicted_um=predicted.values,
+        status=predicted.status,
+        counted_as_zero=predicted.counted_as_zero,
+        warnings=predicted.warnings,
     )

@@ -96,8 +96,8 @@ def get_readings(
 
     Those that lie in the future are among them.
     """
-    found = show_readings(context, machine, since, until, every_s, limit)
-    return [ReadingSchema.of(reading) for reading in found]
+    readings = show_readings(context, machine, since, until, every_s, limit)
+    return [ReadingSchema.of(reading) for reading in readings]
 
 
 @router.get("/withdrawn", summary="List withdrawn readings")
@@ -113,8 +113,8 @@ def get_withdrawn_readings(
     It counts nowhere; to have it back, store it again. A time that was stored and withdrawn
     more than once is listed as often.
     """
-    found = show_withdrawn_readings(context, machine, since, until, limit)
-    return [WithdrawnReadingAnswer.of_withdrawn(withdrawn) for withdrawn in found]
+    readings = show_withdrawn_readings(context, machine, since, until, limit)
+    return [WithdrawnReadingAnswer.of_withdrawn(withdrawn) for withdrawn in readings]
 
 
 @router.delete("", summary="Withdraw readings")
@@ -138,12 +138,12 @@ def delete_readings(
         return WithdrawnReadings(withdrawn=withdraw_reading(context, machine, time))
     if time is None and since is not None and until is not None:
         return WithdrawnReadings(withdrawn=withdraw_readings(context, machine, since, until))
-    stated = [n for n, t in (("time", time), ("from", since), ("to", until)) if t is not None]
-    field = "time" if time is not None or not stated else "to" if until is None else "from"
+    bounds = [n for n, t in (("time", time), ("from", since), ("to", until)) if t is not None]
+    field = "time" if time is not None or not bounds else "to" if until is None else "from"
     raise InvalidContent.of_field(
         field,
         "expected the time of one reading, or from and to of a range (one without the other "
-        f"would mean all before or after it), got {list_names(stated)}",
+        f"would mean all before or after it), got {list_names(bounds)}",
     )
 
 
@@ -163,18 +163,18 @@ def _store(context: Context, machine: str, sent: SentReadings) -> StoreOutcome:
 
 
 def _store_valued(context: Context, machine: str, sent: SentReadings) -> StoreOutcome:
-    known = machine_in_memory(context, machine).current.model.machine
+    current = machine_in_memory(context, machine).current.model.machine
     for i, names in enumerate(sent.without):
         for name in names:
             try:
-                known.sensor(name)
+                current.sensor(name)
             except UnknownThing as unknown:
                 field = f"{i}.temperatures_c.{name}"
                 raise InvalidContent.of_field(field, unknown.detail) from None
-    valued = [one for one in sent.readings if one.temperatures_c]
+    valued = [reading for reading in sent.readings if reading.temperatures_c]
     done = store_readings(context, machine, valued) if valued else StoreOutcome(0, 0, 0, ())
     pairs = zip(sent.readings, sent.without, strict=True)
-    note_absent(context, machine, [(one.time, names) for one, names in pairs if names])
+    note_absent(context, machine, [(pair.time, names) for pair, names in pairs if names])
     if len(valued) == len(sent.readings):
         return done
     unstored = counted(len(sent.readings) - len(valued), "reading")

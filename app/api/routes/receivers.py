@@ -40,12 +40,18 @@ def post_test(request: Request, context: ContextDep, name: NamePath) -> Receiver
     The service that has the receiver sends it within seconds: `tested_at` of `GET …/receivers` is
     then after `test_asked_at`, and `test_failure` says why it could not be sent.
     """
-    return ask_for_test_message(context, name, [one.name for one in _seen(request, context)])
+    return ask_for_test_message(
+        context, name, [receiver.name for receiver in _seen(request, context)]
+    )
 
 
 def _seen(request: Request, context: Context) -> list[Receiver]:
     may_see = sees(request)
-    found = show_receivers(context).receivers
+    receivers = show_receivers(context).receivers
     if may_see(""):
-        return list(found)
-    return [one for one in found if one.machines and all(map(may_see, one.machines))]
+        return list(receivers)
+    return [
+        receiver
+        for receiver in receivers
+        if receiver.machines and all(map(may_see, receiver.machines))
+    ]

@@ -177,6 +177,6 @@ def _numbers(last_event_id: str) -> tuple[int | None, int | None]:
 
     None where it is not one of ours: the table is sent then, and the log from now on.
     """
-    found = _ID.fullmatch(last_event_id)
-    table, entry = (None, None) if found is None else found.groups()
+    match = _ID.fullmatch(last_event_id)
+    table, entry = (None, None) if match is None else match.groups()
     return None if table is None else int(table), None if entry is None else int(entry)

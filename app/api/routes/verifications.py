@@ -113,10 +113,10 @@ def answer_to_verification(
     notes: Sequence[str] = (),
 ) -> StoredVerificationAnswer:
     """Store a verification, whichever way it came; `notes` are of its file."""
-    found = store_verification(context, machine, verification)
-    response.status_code = 201 if found.is_new else 200
-    response.headers["Location"] = f"/v1/machines/{machine}/verifications/{found.stored.id}"
-    remarks = remarks_on_verification(context, machine, verification, found.stored.components)
+    outcome = store_verification(context, machine, verification)
+    response.status_code = 201 if outcome.is_new else 200
+    response.headers["Location"] = f"/v1/machines/{machine}/verifications/{outcome.stored.id}"
+    remarks = remarks_on_verification(context, machine, verification, outcome.stored.components)
     return StoredVerificationAnswer(
-        **VerificationAnswer.of(found.stored).model_dump(), warnings=[*notes, *remarks]
+        **VerificationAnswer.of(outcome.stored).model_dump(), warnings=[*notes, *remarks]
     )

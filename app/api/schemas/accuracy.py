@@ -118,20 +118,20 @@ class AccuracyAnswer(AnswerHead):
     )
 
     @classmethod
-    def of(cls, head: dict[str, Any], volume: WorkVolume, found: VolumetricAccuracy) -> Self:
+    def of(cls, head: dict[str, Any], volume: WorkVolume, accuracy: VolumetricAccuracy) -> Self:
         """Show what was found."""
         return cls(
             **head,
             volume=volume_of(volume),
-            linear=SpreadAnswer.of(found.linear),
-            angular=AngularSpreadAnswer.of(found.angular),
-            with_arms=SpreadAnswer.of(found.with_arms),
-            diagonals_um=dict(found.diagonals.ranges_um),
-            Ed_um=found.diagonals.ed_um,
-            ESd_um=found.diagonals.esd_um,
-            ELv_um=found.lines.elv_um,
-            ELSv_um=found.lines.elsv_um,
-            ratios={name: none_for_nan(ratio) for name, ratio in found.ratios.items()},
+            linear=SpreadAnswer.of(accuracy.linear),
+            angular=AngularSpreadAnswer.of(accuracy.angular),
+            with_arms=SpreadAnswer.of(accuracy.with_arms),
+            diagonals_um=dict(accuracy.diagonals.ranges_um),
+            Ed_um=accuracy.diagonals.ed_um,
+            ESd_um=accuracy.diagonals.esd_um,
+            ELv_um=accuracy.lines.elv_um,
+            ELSv_um=accuracy.lines.elsv_um,
+            ratios={name: none_for_nan(ratio) for name, ratio in accuracy.ratios.items()},
         )
 
 
@@ -168,9 +168,11 @@ class LinesAnswer(Schema):
     )
 
     @classmethod
-    def of(cls, found: LineAccuracy) -> Self:
+    def of(cls, accuracy: LineAccuracy) -> Self:
         """Show what was found."""
-        return cls(ELv_um=found.elv_um, ELSv_um=found.elsv_um, ratio=none_for_nan(found.ratio))
+        return cls(
+            ELv_um=accuracy.elv_um, ELSv_um=accuracy.elsv_um, ratio=none_for_nan(accuracy.ratio)
+        )
 
 
 class LevelsRequest(AccuracyRequest):

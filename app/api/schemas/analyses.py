@@ -61,13 +61,15 @@ class PlannedVerification(Schema):
 
     def to_verification(self) -> Verification:
         """Make the verification; InvalidContent names the observation that is wrong."""
-        found = []
-        for i, one in enumerate(self.observations):
+        observations = []
+        for i, observation in enumerate(self.observations):
             try:
-                found.append(one.to_planned())
+                observations.append(observation.to_planned())
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
-        return Verification(self.label, found, self.datum, self.repeatability_um, is_planned=True)
+        return Verification(
+            self.label, observations, self.datum, self.repeatability_um, is_planned=True
+        )
 
 
 class PlanRequest(Schema):
@@ -96,13 +98,13 @@ class PlanRequest(Schema):
 
     def to_verifications(self) -> list[Verification]:
         """Make the planned verifications; InvalidContent names what is wrong."""
-        found = []
-        for i, one in enumerate(self.planned):
+        verifications = []
+        for i, body in enumerate(self.planned):
             try:
-                found.append(one.to_verification())
+                verifications.append(body.to_verification())
             except InvalidContent as error:
                 raise error.inside(f"planned.{i}") from None
-        return found
+        return verifications
 
 
 class TriedEffectRequest(Schema):

@@ -110,13 +110,13 @@ _StateName = Annotated[
 _SIGNS = {"+": 1, "-": -1, None: 0}
 
 
-def _for_each_axis(stated: Any) -> Any:
+def _for_each_axis(signs: Any) -> Any:
     """Let one direction stand for every axis."""
-    if isinstance(stated, str):
-        if stated not in _SIGNS:
+    if isinstance(signs, str):
+        if signs not in _SIGNS:
             raise ValueError("`+`, `-`, or one of them for each axis")
-        return dict.fromkeys("xyz", stated)
-    return stated
+        return dict.fromkeys("xyz", signs)
+    return signs
 
 
 _SIGN = {"enum": ["+", "-"], "type": "string"}

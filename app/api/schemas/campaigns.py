@@ -38,12 +38,13 @@ def campaign_of_bodies(
         maps=maps,
         verifications=[_verification(body) for body in verification_bodies],
         readings=TemperatureHistory.of_readings(
-            machine.sensors, [(one.time.timestamp(), one.temperatures_c) for one in read]
+            machine.sensors,
+            [(reading.time.timestamp(), reading.temperatures_c) for reading in read],
         ),
-        state_readings=[(one.time.timestamp(), one.state) for one in read],
+        state_readings=[(reading.time.timestamp(), reading.state) for reading in read],
     )
 
 
 def _verification(body: Body) -> Verification:
-    stated = VerificationRequest.model_validate(body)
-    return stated.to_verification()
+    request = VerificationRequest.model_validate(body)
+    return request.to_verification()

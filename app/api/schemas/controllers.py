@@ -137,9 +137,9 @@ class _AtTemperatures(Schema):
         """Make the question."""
         from app.services.ask_field import FieldQuestion
 
-        stated = self.temperatures_c
+        given_c = self.temperatures_c
         return FieldQuestion(
-            temperatures_c=None if stated is None else [stated],
+            temperatures_c=None if given_c is None else [given_c],
             tool_offset_mm=triple(self.tool_offset_mm),
             missing_as_zero=True,
             state=self.state,
@@ -197,10 +197,13 @@ class NotHeldAnswer(Schema):
     why: str = Field(description="Why not")
 
     @classmethod
-    def of(cls, one: NotHeld) -> NotHeldAnswer:
+    def of(cls, omission: NotHeld) -> NotHeldAnswer:
         """Take it as it is."""
         return cls(
-            component=one.component, largest=_tenth_nm(one.largest), unit=one.unit, why=one.why
+            component=omission.component,
+            largest=_tenth_nm(omission.largest),
+            unit=omission.unit,
+            why=omission.why,
         )
 
 
@@ -217,13 +220,13 @@ class ResamplingAnswer(Schema):
     unit: str = Field(description="Its unit", examples=["µm"])
 
     @classmethod
-    def of(cls, one: Resampled) -> ResamplingAnswer:
+    def of(cls, resampled: Resampled) -> ResamplingAnswer:
         """Take its size."""
         return cls(
-            component=one.component,
-            largest_deviation=_tenth_nm(abs(one.difference.largest)),
-            position_mm=one.difference.position_mm,
-            unit=one.unit,
+            component=resampled.component,
+            largest_deviation=_tenth_nm(abs(resampled.difference.largest)),
+            position_mm=resampled.difference.position_mm,
+            unit=resampled.unit,
         )
 
 
@@ -242,15 +245,15 @@ class CheckAnswer(Schema):
     )
 
     @classmethod
-    def of(cls, one: Check) -> CheckAnswer:
+    def of(cls, check: Check) -> CheckAnswer:
         """Take it as it is."""
         return cls(
-            component=one.component,
-            axis=one.axis,
-            position_mm=one.position_mm,
-            direction=one.direction,
-            moved_axis=one.moved_axis,
-            expected_movement_um=_tenth_nm(one.expected_movement_um),
+            component=check.component,
+            axis=check.axis,
+            position_mm=check.position_mm,
+            direction=check.direction,
+            moved_axis=check.moved_axis,
+            expected_movement_um=_tenth_nm(check.expected_movement_um),
         )
 
 
@@ -295,16 +298,16 @@ class ExportAnswer(_ControllerHead):
     @classmethod
     def of(cls, exported: Exported) -> ExportAnswer:
         """Write an export."""
-        found = exported.found
+        rendered = exported.found
         bands = [
             BandAnswer(
-                folder=one.folder,
-                from_c=dict(one.band.from_c),
-                to_c=dict(one.band.to_c),
-                at_c=dict(one.band.at_c),
-                check=[CheckAnswer.of(check) for check in one.found.check],
+                folder=band.folder,
+                from_c=dict(band.band.from_c),
+                to_c=dict(band.band.to_c),
+                at_c=dict(band.band.at_c),
+                check=[CheckAnswer.of(check) for check in band.found.check],
             )
-            for one in exported.bands
+            for band in exported.bands
         ]
         origin = exported.table.origin
         return cls(
@@ -314,12 +317,12 @@ class ExportAnswer(_ControllerHead):
             temperatures_c=dict(origin.temperatures_c),
             controller=exported.controller.name,
             complete=exported.complete,
-            warnings=list(found.warnings),
+            warnings=list(rendered.warnings),
             sign="error" if exported.sign == "error" else "compensation",
-            files=[_file_answer(file) for file in found.files],
-            not_held=[NotHeldAnswer.of(one) for one in found.not_held],
-            resampling=[ResamplingAnswer.of(one) for one in found.resampling],
-            check=[CheckAnswer.of(one) for one in found.check],
+            files=[_file_answer(file) for file in rendered.files],
+            not_held=[NotHeldAnswer.of(omission) for omission in rendered.not_held],
+            resampling=[ResamplingAnswer.of(resampled) for resampled in rendered.resampling],
+            check=[CheckAnswer.of(check) for check in rendered.check],
             bands=bands or None,
         )
 
@@ -337,11 +340,11 @@ Files = Annotated[
 ]
 
 
-def files_of(stated: Sequence[ControllerFileSchema]) -> list[ControllerFile]:
+def files_of(files: Sequence[ControllerFileSchema]) -> list[ControllerFile]:
     """Take files as the parsers want them."""
     from app.controllers.format import ControllerFile
 
-    return [ControllerFile(file.name, file.content) for file in stated]
+    return [ControllerFile(file.name, file.content) for file in files]
 
 
 class ParseRequest(Schema):
@@ -372,12 +375,12 @@ class ParsedComponentAnswer(Schema):
     @classmethod
     def of(cls, curve: Curve) -> ParsedComponentAnswer:
         """Write a curve."""
-        one, backward = curve.component, curve.backward_errors
+        component, backward = curve.component, curve.backward_errors
         return cls(
-            component=one.code,
-            axis=one.axis,
-            unit=one.unit.symbol,
-            positions_mm=curve.positions_mm.tolist() if one.is_table else None,
+            component=component.code,
+            axis=component.axis,
+            unit=component.unit.symbol,
+            positions_mm=curve.positions_mm.tolist() if component.is_table else None,
             errors=[_picometre(v) for v in curve.errors],
             compensation=[_picometre(0.0 - v) for v in curve.errors],
             backward_errors=None if backward is None else [_picometre(v) for v in backward],
@@ -446,7 +449,7 @@ class CompareAnswer(_ControllerHead):
     def of(cls, compared: Compared) -> CompareAnswer:
         """Write a comparison."""
         origin = compared.table.origin
-        found: Comparison = compared.found
+        compared_files: Comparison = compared.found
         return cls(
             machine=origin.machine_id,
             model_version=origin.model_version,
@@ -454,22 +457,22 @@ class CompareAnswer(_ControllerHead):
             temperatures_c=dict(origin.temperatures_c),
             controller=compared.controller.name,
             complete=compared.complete,
-            warnings=list(found.warnings),
+            warnings=list(compared_files.warnings),
             components=[
                 ComparedComponentAnswer.model_validate(
                     {
-                        "component": one.component,
-                        "state": one.state,
-                        "largest": _tenth_nm(one.difference.largest),
-                        "rms": _tenth_nm(one.difference.rms),
-                        "unit": one.unit,
-                        "position_mm": one.difference.position_mm,
-                        "direction": one.difference.direction,
+                        "component": component.component,
+                        "state": component.state,
+                        "largest": _tenth_nm(component.difference.largest),
+                        "rms": _tenth_nm(component.difference.rms),
+                        "unit": component.unit,
+                        "position_mm": component.difference.position_mm,
+                        "direction": component.difference.direction,
                     }
                 )
-                for one in found.components
+                for component in compared_files.components
             ],
-            not_held=[NotHeldAnswer.of(one) for one in found.not_held],
+            not_held=[NotHeldAnswer.of(omission) for omission in compared_files.not_held],
         )
 
 

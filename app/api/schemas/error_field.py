@@ -54,9 +54,9 @@ class FieldRequest(Schema):
         """Make the question."""
         from app.services.ask_field import FieldQuestion
 
-        stated = self.temperatures_c
+        given_c = self.temperatures_c
         return FieldQuestion(
-            temperatures_c=None if stated is None else [stated],
+            temperatures_c=None if given_c is None else [given_c],
             tool_offset_mm=triple(self.tool_offset_mm),
             directions=signs_of(self.direction),
             missing_as_zero=self.missing_components == "zero",
@@ -91,15 +91,15 @@ class AnswerHead(Schema):
     )
 
 
-def head_of(asked: FieldAnswer, warnings: list[str]) -> dict[str, Any]:
+def head_of(answer: FieldAnswer, warnings: list[str]) -> dict[str, Any]:
     """Write the fields of `AnswerHead`."""
     return {
-        "machine": asked.machine.id,
-        "model_version": asked.model_version,
-        "computed_at": asked.computed_at,
-        "complete": asked.complete,
+        "machine": answer.machine.id,
+        "model_version": answer.model_version,
+        "computed_at": answer.computed_at,
+        "complete": answer.complete,
         "warnings": warnings,
-        "counted_as_zero": list(asked.counted_as_zero),
+        "counted_as_zero": list(answer.counted_as_zero),
     }
 
 

@@ -139,21 +139,21 @@ class ComponentSchema(Schema):
         except UnknownComponent as error:
             raise InvalidContent.of_field("component", error.detail) from None
         self._refuse_other_fields(component)
-        stated = getattr(self, component.input_field)
-        if stated is None:
+        values = getattr(self, component.input_field)
+        if values is None:
             raise InvalidContent.of_field(
                 component.input_field,
                 f"expected the values of {component.code} in {component.unit.symbol}, got none",
             )
         if not component.is_table:
             return ComponentTable.make(
-                component, [sign * stated], covariance=read_uncertainty(self, component, 1)
+                component, [sign * values], covariance=read_uncertainty(self, component, 1)
             )
         backward = getattr(self, f"backward_{component.input_field}")
-        n = len(self.positions_mm or stated)
+        n = len(self.positions_mm or values)
         return ComponentTable.make(
             component,
-            stated,
+            values,
             self.positions_mm or (),
             backward,
             read_uncertainty(self, component, n),
@@ -186,7 +186,7 @@ class ComponentAnswer(ComponentSchema):
         """Show a table that was computed, rounded as all that is; what is stored is not."""
         backward, covariance = table.backward_errors, table.covariance
         backward_covariance = table.backward_covariance
-        shown = cls.of(
+        answer = cls.of(
             replace(
                 table,
                 errors=rounded(table.errors),
@@ -197,9 +197,9 @@ class ComponentAnswer(ComponentSchema):
                 else to_digits_of(backward_covariance),
             )
         )
-        uncertain = [name for name in shown.model_fields_set if "standard_error" in name]
-        return shown.model_copy(
-            update={name: to_digits_in(getattr(shown, name)) for name in uncertain}
+        uncertain = [name for name in answer.model_fields_set if "standard_error" in name]
+        return answer.model_copy(
+            update={name: to_digits_in(getattr(answer, name)) for name in uncertain}
         )
 
     @classmethod
@@ -228,8 +228,8 @@ class MeasuringLineSchema(Schema):
     )
 
 
-def _which(stated: Any) -> str:
-    return way_of("point") if isinstance(stated, list) else way_of("line")
+def _which(value: Any) -> str:
+    return way_of("point") if isinstance(value, list) else way_of("line")
 
 
 LineOrPoint = Annotated[
@@ -282,9 +282,9 @@ class ErrorMapSchema(Schema):
     def to_error_map(self) -> ErrorMap:
         """Make the map; InvalidContent names the component that is wrong."""
         tables: dict[str, ComponentTable] = {}
-        for i, stated in enumerate(self.components):
+        for i, row in enumerate(self.components):
             try:
-                table = stated.to_table()
+                table = row.to_table()
             except InvalidContent as error:
                 raise error.inside(f"components.{i}") from None
             if table.component.code in tables:
@@ -299,8 +299,8 @@ class ErrorMapSchema(Schema):
             temperatures_c=self.temperatures_c,
             tables=tables,
             measuring_lines={
-                axis.lower(): _line(axis.lower(), stated)
-                for axis, stated in self.measuring_lines_mm.items()
+                axis.lower(): _line(axis.lower(), given_line)
+                for axis, given_line in self.measuring_lines_mm.items()
             },
             repeatability_um=self.repeatability_um,
             instrument=self.instrument,
@@ -322,7 +322,7 @@ class ErrorMapAnswer(ErrorMapSchema, ModelChange):
         stored: StoredMap,
         in_active_model: bool,
         warnings: Sequence[str] = (),
-        made: Mapping[str, Any] | None = None,
+        change: Mapping[str, Any] | None = None,
     ) -> Self:
         """Show a stored map, and the version that was made with it (`change_fields`)."""
         error_map = stored.error_map
@@ -340,14 +340,14 @@ class ErrorMapAnswer(ErrorMapSchema, ModelChange):
             instrument=error_map.instrument,
             in_active_model=in_active_model,
             warnings=list(warnings),
-            **{"activated": in_active_model, **(made or {})},
+            **{"activated": in_active_model, **(change or {})},
         )
 
 
-def _line(axis: str, stated: list[float] | MeasuringLineSchema) -> MeasuringLine:
-    if isinstance(stated, list):
-        return MeasuringLine.make(axis, stated)
-    return MeasuringLine.make(axis, stated.point_mm, stated.tool_offset_mm)
+def _line(axis: str, line: list[float] | MeasuringLineSchema) -> MeasuringLine:
+    if isinstance(line, list):
+        return MeasuringLine.make(axis, line)
+    return MeasuringLine.make(axis, line.point_mm, line.tool_offset_mm)
 
 
 def shown_line(line: MeasuringLine) -> list[float] | MeasuringLineSchema:

@@ -47,14 +47,14 @@ class FleetMemberAnswer(Schema):
     why_not: str | None = Field(description="Why none can be asked for; null where one can")
 
     @classmethod
-    def of(cls, one: FleetMember) -> Self:
+    def of(cls, member: FleetMember) -> Self:
         """Show a machine."""
         return cls(
-            machine=one.id,
-            name=one.name,
-            analysis=None if one.job is None else AnalysisHead.of(one.job),
-            to_be_asked=one.is_to_be_asked,
-            why_not=one.why_not or None,
+            machine=member.id,
+            name=member.name,
+            analysis=None if member.job is None else AnalysisHead.of(member.job),
+            to_be_asked=member.is_to_be_asked,
+            why_not=member.why_not or None,
         )
 
 
@@ -83,7 +83,7 @@ class FleetAnswer(Schema):
     def of(cls, view: FleetView) -> Self:
         """Show a fleet."""
         return cls(
-            machines=[FleetMemberAnswer.of(one) for one in view.members],
+            machines=[FleetMemberAnswer.of(member) for member in view.members],
             going_on=view.is_going_on,
             tried=view.tried,
             wanted=view.wanted,

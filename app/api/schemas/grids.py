@@ -42,16 +42,16 @@ class GridRequest(VolumeRequest):
 
     def nodes(self) -> tuple[list[float], list[float], list[float]] | None:
         """Give the nodes, or None where a tolerance is stated; InvalidContent unless one is."""
-        stated = {"x_mm": self.x_mm, "y_mm": self.y_mm, "z_mm": self.z_mm}
+        nodes_by_axis = {"x_mm": self.x_mm, "y_mm": self.y_mm, "z_mm": self.z_mm}
         if self.tolerance_um is not None:
-            both = [name for name, nodes in stated.items() if nodes is not None]
+            both = [name for name, nodes in nodes_by_axis.items() if nodes is not None]
             if both:
                 raise InvalidContent.of_field(
                     both[0], "expected the nodes in mm or a tolerance_um in µm, got both"
                 )
             return None
         if self.x_mm is None or self.y_mm is None or self.z_mm is None:
-            lacking = [name for name, nodes in stated.items() if nodes is None]
+            lacking = [name for name, nodes in nodes_by_axis.items() if nodes is None]
             raise InvalidContent.of_field(
                 lacking[0],
                 f"expected coordinates in mm ({', '.join(lacking)}), or a tolerance_um in µm, "

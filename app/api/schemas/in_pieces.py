@@ -50,17 +50,17 @@ class InPieces:
         entries: Any = {**handler(source), "min_length": 1, "max_length": self.most}
         return core_schema.no_info_wrap_validator_function(self._check, entries)
 
-    def _check(self, stated: Any, check: ValidatorFunctionWrapHandler) -> Any:
-        if not isinstance(stated, list) or not stated:
-            return check(stated)
-        if len(stated) > self.most:
-            length = {"max_length": self.most, "actual_length": len(stated)}
+    def _check(self, values: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        if not isinstance(values, list) or not values:
+            return check(values)
+        if len(values) > self.most:
+            length = {"max_length": self.most, "actual_length": len(values)}
             raise PydanticKnownError("too_long", {"field_type": "List", **length})
         pieces: list[Any] = []
         wrong: list[InitErrorDetails] = []
-        for first in range(0, len(stated), self.at_once):
+        for first in range(0, len(values), self.at_once):
             try:
-                piece = check(stated[first : first + self.at_once])
+                piece = check(values[first : first + self.at_once])
             except ValidationError as error:
                 wrong += _moved(error, first)
                 if len(wrong) > ENOUGH_ERRORS:
@@ -90,11 +90,15 @@ def shown_errors(error: ValidationError) -> Sequence[Any]:
 def _moved(error: ValidationError, first: int) -> list[InitErrorDetails]:
     """Name the entries of a piece by their places in the list."""
     moved: list[InitErrorDetails] = []
-    for one in shown_errors(error):
-        place, *more = one["loc"] or (0,)
+    for raw_error in shown_errors(error):
+        place, *more = raw_error["loc"] or (0,)
         # An exception leads by its traceback to the frame of `_check`, and from there back to the
         # problem: into which the collector cannot see, so that the body would be held for ever.
-        context = {k: v for k, v in one.get("ctx", {}).items() if not isinstance(v, Exception)}
-        problem = PydanticCustomError(one["type"], "{said}", {**context, "said": one["msg"]})
-        moved.append({"type": problem, "loc": (first + place, *more), "input": one["input"]})
+        context = {
+            k: v for k, v in raw_error.get("ctx", {}).items() if not isinstance(v, Exception)
+        }
+        problem = PydanticCustomError(
+            raw_error["type"], "{said}", {**context, "said": raw_error["msg"]}
+        )
+        moved.append({"type": problem, "loc": (first + place, *more), "input": raw_error["input"]})
     return moved

@@ -253,9 +253,9 @@ def settings_of(machine: Machine) -> dict[str, Any]:
     }
 
 
-def _to_sensor(stated: SensorSchema, names: set[str]) -> Sensor:
-    fields = stated.model_dump()
-    usual = DEFAULT_STAND_INS.get(stated.name)
-    if "stand_in" not in stated.model_fields_set and usual in names:
+def _to_sensor(sensor: SensorSchema, names: set[str]) -> Sensor:
+    fields = sensor.model_dump()
+    usual = DEFAULT_STAND_INS.get(sensor.name)
+    if "stand_in" not in sensor.model_fields_set and usual in names:
         fields["stand_in"] = usual
     return Sensor(**fields)

@@ -78,17 +78,17 @@ class ComponentChangeAnswer(Schema):
     status_after: str = Field(description="How it would come about", examples=["at-map"])
 
     @classmethod
-    def of(cls, found: ComponentChange) -> Self:
+    def of(cls, change: ComponentChange) -> Self:
         """Show a change."""
         return cls(
-            component=found.component.code,
-            chapter=found.component.chapter,
-            change=found.change,
-            unit=found.component.unit.symbol,
-            position_mm=found.position_mm,
-            direction="-" if found.is_backward else "+",
-            status_before=found.status_before,
-            status_after=found.status_after,
+            component=change.component.code,
+            chapter=change.component.chapter,
+            change=change.change,
+            unit=change.component.unit.symbol,
+            position_mm=change.position_mm,
+            direction="-" if change.is_backward else "+",
+            status_before=change.status_before,
+            status_after=change.status_after,
         )
 
 
@@ -99,10 +99,10 @@ class ChangeThenAnswer(ComponentChangeAnswer):
     temperatures_c: dict[str, Number] = Field(description="The temperatures then [°C]")
 
     @classmethod
-    def then(cls, found: ChangeThen) -> Self:
+    def then(cls, change_then: ChangeThen) -> Self:
         """Show a change and its moment."""
-        change = ComponentChangeAnswer.of(found.change).model_dump()
-        return cls(**change, time=found.time, temperatures_c=dict(found.temperatures_c))
+        change = ComponentChangeAnswer.of(change_then.change).model_dump()
+        return cls(**change, time=change_then.time, temperatures_c=dict(change_then.temperatures_c))
 
 
 class RecordedChangesAnswer(Schema):
@@ -122,13 +122,13 @@ class RecordedChangesAnswer(Schema):
     )
 
     @classmethod
-    def of(cls, found: RecordedChanges) -> Self:
+    def of(cls, changes: RecordedChanges) -> Self:
         """Show what was compared."""
         return cls(
-            count=found.count,
-            first_at=found.first_at,
-            last_at=found.last_at,
-            changes=[ChangeThenAnswer.then(one) for one in found.changes],
+            count=changes.count,
+            first_at=changes.first_at,
+            last_at=changes.last_at,
+            changes=[ChangeThenAnswer.then(change) for change in changes.changes],
         )
 
 
@@ -188,17 +188,17 @@ class ModelChange(Schema):
     )
 
 
-def change_fields(machine: str, made: MadeVersion | None) -> dict[str, Any]:
+def change_fields(machine: str, new_version: MadeVersion | None) -> dict[str, Any]:
     """Write the fields of `ModelChange`; none where no version was made."""
-    if made is None:
+    if new_version is None:
         return {}
     return {
-        "model_version": made.version.version,
-        "activated": made.is_active,
-        **difference_fields(made.difference),
-        "next_step": None if made.is_active else _how_to_activate(machine, made),
-        "waited_before": WaitedBeforeAnswer.of(made.waited_before, made.difference),
-        "stays_active": None if made.is_active else made.active_version,
+        "model_version": new_version.version.version,
+        "activated": new_version.is_active,
+        **difference_fields(new_version.difference),
+        "next_step": None if new_version.is_active else _how_to_activate(machine, new_version),
+        "waited_before": WaitedBeforeAnswer.of(new_version.waited_before, new_version.difference),
+        "stays_active": None if new_version.is_active else new_version.active_version,
     }
 
 
@@ -210,12 +210,14 @@ def difference_fields(difference: ModelDifference) -> dict[str, Any]:
     }
 
 
-def _how_to_activate(machine: str, made: MadeVersion) -> str:
-    number = made.version.version
+def _how_to_activate(machine: str, new_version: MadeVersion) -> str:
+    number = new_version.version.version
     return (
         f"Version {number} is stored and waits, because its tables would lose something; version "
-        f"{made.active_version} of machine {machine!r} stays active. Activating {number} lets "
-        f"tables follow it all the same; activating {made.active_version} again gives it up, and "
+        f"{new_version.active_version} of machine {machine!r} stays active. Activating {number} "
+        "lets "
+        f"tables follow it all the same; activating {new_version.active_version} again gives it "
+        "up, and "
         "deleting the map that would lose something takes that out. Versions made meanwhile "
         "contain what it contains."
     )

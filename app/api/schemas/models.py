@@ -38,10 +38,10 @@ class AssignmentSchema(RootModel[dict[str, str]]):
 
     @field_validator("root", mode="before")
     @classmethod
-    def _expect_components(cls, stated: Any) -> Any:
+    def _expect_components(cls, assignment: Any) -> Any:
         """Refuse unknown names before their values: who wraps an assignment is told of the name."""
         errors = []
-        for name in stated if isinstance(stated, dict) else ():
+        for name in assignment if isinstance(assignment, dict) else ():
             if _PATTERN.fullmatch(name):
                 continue
             try:
@@ -50,16 +50,16 @@ class AssignmentSchema(RootModel[dict[str, str]]):
                 errors.append(FieldError(name, unknown.detail))
         if errors:
             raise InvalidContent("; ".join(e.message for e in errors), errors)
-        return stated
+        return assignment
 
     def to_codes(self) -> dict[str, str]:
         """Read the components' names, patterns as they are; InvalidContent where one is twice."""
-        found: dict[str, str] = {}
+        by_code: dict[str, str] = {}
         for name, sensor in self.root.items():
             code = name if _PATTERN.fullmatch(name) else parse_component(name)[0].code
-            if found.setdefault(code, sensor) != sensor:
+            if by_code.setdefault(code, sensor) != sensor:
                 raise InvalidContent.of_field(name, f"{code} is assigned to two sensors")
-        return found
+        return by_code
 
     @classmethod
     def of(cls, assignment: dict[str, str]) -> Self:
@@ -262,12 +262,12 @@ class ModelCoverageAnswer(Schema):
     )
 
     @classmethod
-    def of(cls, version: int, found: ModelWithEffects) -> Self:
+    def of(cls, version: int, model: ModelWithEffects) -> Self:
         """Show what a version covers."""
         return cls(
             model_version=version,
-            components=sorted(found.codes, key=ORDER.__getitem__),
-            omitted=dict(found.model.omitted),
+            components=sorted(model.codes, key=ORDER.__getitem__),
+            omitted=dict(model.model.omitted),
         )
 
 
@@ -275,10 +275,15 @@ class ChangedModelAnswer(ModelAnswer, ModelChange):
     """A version that was made or activated, and what its tables lose and gain by it."""
 
     @classmethod
-    def of_made(cls, machine: str, made: MadeVersion) -> Self:
+    def of_made(cls, machine: str, new_version: MadeVersion) -> Self:
         """Show it."""
-        waiting = None if made.is_active else made.version.version
-        return cls.of(made.version, made.active_version, waiting, **change_fields(machine, made))
+        waiting = None if new_version.is_active else new_version.version.version
+        return cls.of(
+            new_version.version,
+            new_version.active_version,
+            waiting,
+            **change_fields(machine, new_version),
+        )
 
 
 class WaitingAssignmentAnswer(ModelChange):

@@ -61,22 +61,22 @@ class NeededAnswer(Schema):
     warnings: list[str] = Field(description="What to know beside it")
 
     @classmethod
-    def of(cls, found: NeededComponents) -> Self:
+    def of(cls, needed: NeededComponents) -> Self:
         """Show what was found."""
         return cls(
-            machine=found.machine.id,
-            configuration=found.machine.chain.text,
-            preset=PresetAnswer.of(found.preset) if found.preset else None,
+            machine=needed.machine.id,
+            configuration=needed.machine.chain.text,
+            preset=PresetAnswer.of(needed.preset) if needed.preset else None,
             components=[
                 NeededComponent(
-                    component=one.code,
-                    chapter=one.chapter,
-                    kind=one.kind,
-                    unit=one.unit.symbol,
-                    in_model=one.code in found.in_model,
+                    component=component.code,
+                    chapter=component.chapter,
+                    kind=component.kind,
+                    unit=component.unit.symbol,
+                    in_model=component.code in needed.in_model,
                 )
-                for one in found.needed
+                for component in needed.needed
             ],
-            missing=found.missing,
-            warnings=list(found.warnings),
+            missing=needed.missing,
+            warnings=list(needed.warnings),
         )

@@ -87,14 +87,14 @@ class ObservationSchema(Schema):
                     raise InvalidContent.of_field(
                         field, f"expected none of {component.code}, which has no position, got one"
                     )
-        stated = self.direction or {}
-        of_all = len(stated) == len(LINEAR_LETTERS) and len(set(stated.values())) == 1
-        others = [axis for axis in stated if axis != component.axis]
+        signs = self.direction or {}
+        of_all = len(signs) == len(LINEAR_LETTERS) and len(set(signs.values())) == 1
+        others = [axis for axis in signs if axis != component.axis]
         if others and not of_all:
             raise InvalidContent.of_field(
                 "direction",
                 f"expected the approach of {component.axis} alone for {component.code}, got "
-                f"{list_names(sorted(stated))}",
+                f"{list_names(sorted(signs))}",
             )
 
 
@@ -119,13 +119,13 @@ class PredictionRequest(Schema):
 
     def to_observations(self) -> list[ErrorQuestion]:
         """Make the observations; InvalidContent names the one that is wrong."""
-        found = []
-        for i, stated in enumerate(self.observations):
+        questions = []
+        for i, observation in enumerate(self.observations):
             try:
-                found.append(stated.to_observation())
+                questions.append(observation.to_observation())
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
-        return found
+        return questions
 
 
 class PredictionAnswer(Schema):

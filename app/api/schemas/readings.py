@@ -84,8 +84,8 @@ class StatedReading(Schema):
 
     def to_reading(self) -> Reading:
         """Make the reading of those that have a value."""
-        known = {name: value for name, value in self.temperatures_c.items() if value is not None}
-        return Reading(self.time, known, self.state)
+        present = {name: value for name, value in self.temperatures_c.items() if value is not None}
+        return Reading(self.time, present, self.state)
 
 
 def _one_or_more(body: object) -> str:
@@ -151,9 +151,9 @@ def _plain_reading() -> CoreSchema:
         core_schema.dataclass_field("state", TypeAdapter(MachineState).core_schema),
         core_schema.dataclass_field("early_s", on_time, init=False),
     ]
-    stated = core_schema.dataclass_args_schema("Reading", fields, extra_behavior="forbid")
+    arguments = core_schema.dataclass_args_schema("Reading", fields, extra_behavior="forbid")
     names = [field["name"] for field in fields]
-    return core_schema.dataclass_schema(Reading, stated, names, slots=True, frozen=True)
+    return core_schema.dataclass_schema(Reading, arguments, names, slots=True, frozen=True)
 
 
 _PLAIN: Final = SchemaValidator(core_schema.list_schema(_plain_reading(), min_length=1))
@@ -170,9 +170,9 @@ def _plain_first(body: Any, explain: Callable[[Any], Any]) -> SentReadings:
         with suppress(ValidationError):
             return SentReadings(_PLAIN.validate_python(entries), is_list=is_list)
     explained = explain(body)
-    stated: Sequence[StatedReading] = explained if is_list else [explained]
-    readings = [one.to_reading() for one in stated]
-    without = [one.without for one in stated]
+    schemas: Sequence[StatedReading] = explained if is_list else [explained]
+    readings = [schema.to_reading() for schema in schemas]
+    without = [schema.without for schema in schemas]
     return SentReadings(readings, without if any(without) else (), is_list)
 
 
@@ -217,8 +217,8 @@ class WithdrawnReadingAnswer(ReadingSchema):
     @classmethod
     def of_withdrawn(cls, withdrawn: WithdrawnReading) -> Self:
         """Show a reading that was withdrawn."""
-        shown = ReadingSchema.of(withdrawn.reading)
-        return cls(**dict(shown), withdrawn_at=withdrawn.withdrawn_at)
+        reading = ReadingSchema.of(withdrawn.reading)
+        return cls(**dict(reading), withdrawn_at=withdrawn.withdrawn_at)
 
 
 class WithdrawnReadings(Schema):

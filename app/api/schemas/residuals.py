@@ -81,15 +81,15 @@ class ResidualsAnswer(Schema):
     rows: list[ResidualRow] = Field(description="Single residuals, as many as were asked for")
 
     @classmethod
-    def of(cls, shown: ShownResiduals, rows: list[dict[str, Any]]) -> Self:
+    def of(cls, residuals: ShownResiduals, rows: list[dict[str, Any]]) -> Self:
         """Show residuals with some single ones."""
         return cls(
-            model_version=shown.model_version,
-            verifications=list(shown.verification_ids),
-            **_sizes(shown.report),
-            summaries=list(shown.report.summaries),
-            excluded=list(shown.report.excluded),
-            counted_as_zero=list(shown.report.residuals.counted_as_zero),
+            model_version=residuals.model_version,
+            verifications=list(residuals.verification_ids),
+            **_sizes(residuals.report),
+            summaries=list(residuals.report.summaries),
+            excluded=list(residuals.report.excluded),
+            counted_as_zero=list(residuals.report.residuals.counted_as_zero),
             rows=[ResidualRow(**row) for row in rows],
         )
 
@@ -136,12 +136,12 @@ class ModelComparisonAnswer(Schema):
             values=compared[0].report.count,
             versions=[
                 ComparedVersionAnswer(
-                    version=one.version,
-                    reason=one.reason,
-                    active=one.active,
-                    **_sizes(one.report),
+                    version=compared_version.version,
+                    reason=compared_version.reason,
+                    active=compared_version.active,
+                    **_sizes(compared_version.report),
                 )
-                for one in compared
+                for compared_version in compared
             ],
         )
 

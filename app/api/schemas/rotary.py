@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from app.services.ask_field import Triple
 
 
-def _as_list(stated: object) -> object:
-    return stated if isinstance(stated, list) else [stated]
+def _as_list(value: object) -> object:
+    return value if isinstance(value, list) else [value]
 
 
 RotaryLetter = Literal["A", "B", "C"]

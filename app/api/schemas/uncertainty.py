@@ -28,7 +28,7 @@ def uncertainty_fields(component: Component, before: str = "") -> tuple[str, str
 
 
 def read_uncertainty(
-    stated: Schema, component: Component, n: int, before: str = ""
+    schema: Schema, component: Component, n: int, before: str = ""
 ) -> FloatArray | None:
     """Take what a component states of its n errors' uncertainty, or of the `backward_` ones'.
 
@@ -38,9 +38,9 @@ def read_uncertainty(
         If it does not fit the errors, or is no uncertainty.
     """
     names = uncertainty_fields(component, before)
-    errors, covariance = (getattr(stated, name) for name in names)
+    errors, covariance = (getattr(schema, name) for name in names)
     beside = f"{before}{component.input_field}"
-    if getattr(stated, beside) is None and (errors, covariance) != (None, None):
+    if getattr(schema, beside) is None and (errors, covariance) != (None, None):
         raise InvalidContent.of_field(
             names[errors is None],
             f"expected {beside} of {component.code} beside it, got none",

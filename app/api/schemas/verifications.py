@@ -28,8 +28,8 @@ MOST_OBSERVATIONS: Final = 100_000
 _VALUES: Final = ("measured_um", "measured_urad", "measured_um_per_m", "measured_urad_per_m")
 
 
-def _one_or_three(stated: Any) -> str:
-    return way_of("point") if isinstance(stated, list) else way_of("one")
+def _one_or_three(value: Any) -> str:
+    return way_of("point") if isinstance(value, list) else way_of("one")
 
 
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -52,7 +52,9 @@ class WithSetup(ObservationSchema):
     )
 
 
-def _observed(question: ErrorQuestion, values: Sequence[float], stated: WithSetup) -> Observation:
+def _observed(
+    question: ErrorQuestion, values: Sequence[float], circumstances: WithSetup
+) -> Observation:
     """Set a measured value, in the sign in which it was stated, beside where and when."""
     has_place = question.component is not None and COMPONENTS[question.component].is_table
     return Observation(
@@ -63,8 +65,8 @@ def _observed(question: ErrorQuestion, values: Sequence[float], stated: WithSetu
         point_mm=question.point_mm,
         tool_offset_mm=question.tool_offset_mm,
         directions=question.directions,
-        state=stated.state,
-        setup=stated.setup,
+        state=circumstances.state,
+        setup=circumstances.setup,
     )
 
 
@@ -98,48 +100,48 @@ class MeasuredObservation(WithSetup):
         return _observed(question, self._values(component), self)
 
     def _values(self, component: Component | None) -> Sequence[float]:
-        stated = [name for name in _VALUES if getattr(self, name) is not None]
+        present = [name for name in _VALUES if getattr(self, name) is not None]
         unit = "um" if component is None else component.unit.value
         fitting = {"measured_um", f"measured_{unit}"}
-        if len(stated) != 1 or stated[0] not in fitting:
+        if len(present) != 1 or present[0] not in fitting:
             what = "a point" if component is None else component.code
-            got = " and ".join(stated) or "none"
+            got = " and ".join(present) or "none"
             raise InvalidContent.of_field(
-                "measured_um" if not stated else stated[-1],
+                "measured_um" if not present else present[-1],
                 f"expected one measured value of {what}, as {' or '.join(sorted(fitting))}, "
                 f"got {got}",
             )
-        value = getattr(self, stated[0])
+        value = getattr(self, present[0])
         values = value if isinstance(value, list) else [value]
         if len(values) != (3 if component is None else 1):
             expected = "x, y and z" if component is None else "one number"
             raise InvalidContent.of_field(
-                stated[0],
+                present[0],
                 f"expected {expected}, got {'a list' if isinstance(value, list) else 'one'}",
             )
         impossible = impossible_error(component, values)
         if impossible:
-            raise InvalidContent.of_field(stated[0], impossible)
+            raise InvalidContent.of_field(present[0], impossible)
         return values
 
     @classmethod
     def of(cls, observation: Observation, time: Any) -> dict[str, Any]:
         """Show an observation as it may be posted again, without what it does not state."""
         o = observation
-        shown: dict[str, Any] = {"time": time}
-        shown |= {} if o.setup is None else {"setup": o.setup}
+        fields: dict[str, Any] = {"time": time}
+        fields |= {} if o.setup is None else {"setup": o.setup}
         signs = {a: "+" if d > 0 else "-" for a, d in zip("xyz", o.directions, strict=True) if d}
         if o.point_mm is not None:
-            shown |= {"point_mm": o.point_mm, "tool_offset_mm": o.tool_offset_mm}
-            shown |= {"direction": signs} if signs else {}
-            return shown | {"measured_um": o.measured, "state": o.state}
+            fields |= {"point_mm": o.point_mm, "tool_offset_mm": o.tool_offset_mm}
+            fields |= {"direction": signs} if signs else {}
+            return fields | {"measured_um": o.measured, "state": o.state}
         component = COMPONENTS[str(o.component)]
-        shown["component"] = component.code
+        fields["component"] = component.code
         if o.position_mm is not None:
-            shown["position_mm"] = o.position_mm
+            fields["position_mm"] = o.position_mm
         if component.axis in signs:
-            shown["direction"] = signs[str(component.axis)]
-        return shown | {f"measured_{component.unit}": o.measured[0], "state": o.state}
+            fields["direction"] = signs[str(component.axis)]
+        return fields | {f"measured_{component.unit}": o.measured[0], "state": o.state}
 
 
 class PlannedObservation(WithSetup):
@@ -211,16 +213,16 @@ class VerificationRequest(VerificationHead):
 
     def to_verification(self) -> Verification:
         """Make the verification; InvalidContent names the observation that is wrong."""
-        found = []
-        for i, stated in enumerate(self.observations):
+        observations = []
+        for i, observation in enumerate(self.observations):
             try:
-                found.append(stated.to_measured())
+                observations.append(observation.to_measured())
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
-        _expect_deviations(found)
+        _expect_deviations(observations)
         return Verification(
             self.label,
-            tuple(found),
+            tuple(observations),
             self.datum,
             self.repeatability_um,
             instrument=self.instrument,
@@ -231,15 +233,22 @@ class VerificationRequest(VerificationHead):
 def _expect_deviations(observations: Sequence[Observation]) -> None:
     """Refuse measured positions: they follow the nominal ones with a slope of 1."""
     lines: dict[str, list[tuple[int, float, float]]] = {}
-    for i, one in enumerate(observations):
-        if one.point_mm is not None:
-            for axis, at, value in zip(LINEAR_LETTERS, one.point_mm, one.measured, strict=True):
+    for i, observation in enumerate(observations):
+        if observation.point_mm is not None:
+            for axis, at, value in zip(
+                LINEAR_LETTERS, observation.point_mm, observation.measured, strict=True
+            ):
                 lines.setdefault(f"points {axis}", []).append((i, at, value))
-        elif one.position_mm is not None and COMPONENTS[str(one.component)].unit is Unit.UM:
-            lines.setdefault(str(one.component), []).append((i, one.position_mm, one.measured[0]))
+        elif (
+            observation.position_mm is not None
+            and COMPONENTS[str(observation.component)].unit is Unit.UM
+        ):
+            lines.setdefault(str(observation.component), []).append(
+                (i, observation.position_mm, observation.measured[0])
+            )
     for line in lines.values():
-        if said := positions_for_errors([at for _, at, _ in line], [v for *_, v in line]):
-            raise InvalidContent.of_field(f"observations.{line[0][0]}.measured_um", said)
+        if refusal := positions_for_errors([at for _, at, _ in line], [v for *_, v in line]):
+            raise InvalidContent.of_field(f"observations.{line[0][0]}.measured_um", refusal)
 
 
 class _WithExtent(VerificationHead):

@@ -19,8 +19,8 @@ Points = Annotated[list[Point], InPieces(MOST_POINTS, at_once=5000, as_array=Tru
 """Up to a million points x, y, z [mm], as an array of shape (n, 3)."""
 
 
-def _one_or_more(stated: object) -> str:
-    return way_of("more") if isinstance(stated, list) else way_of("one")
+def _one_or_more(value: object) -> str:
+    return way_of("more") if isinstance(value, list) else way_of("one")
 
 
 OneOrMoreStates = Annotated[
@@ -66,8 +66,8 @@ class VolumetricErrorRequest(FieldRequest):
         """Make the question."""
         from app.services.ask_field import FieldQuestion
 
-        stated = self.temperatures_c
-        states = [stated] if isinstance(stated, dict) else stated
+        given_c = self.temperatures_c
+        states = [given_c] if isinstance(given_c, dict) else given_c
         return FieldQuestion(
             temperatures_c=states,
             tool_offset_mm=triple(self.tool_offset_mm),

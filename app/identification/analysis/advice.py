@@ -67,31 +67,36 @@ def summary(
             f"Nothing was found that the model lacks{_of_kinds(kinds)}. The residuals are "
             f"{size:.3g} {unit} (root mean square){scatter}."
         )
-    left = after.shown_rms
+    size_after = after.shown_rms
     where = list_names([part.component for part in unexplained], 4)
-    moved = [one.explanation for one in refitted if one.is_changed]
+    moved = [refit.explanation for refit in refitted if refit.is_changed]
     if not effects and not moved:
         return (
             f"Something remains in {where} that no effect of the library explains. The residuals "
             f"are {size:.3g} {unit} (root mean square){scatter}."
         )
-    found = "; ".join([*_named(effects), *moved[:MOST_NAMED], *_more(len(moved) - MOST_NAMED)])
-    moves = f"{'fall' if left < size else 'do not fall but rise'} from {size:.3g} to {left:.3g}"
-    moves = f"stay at {size:.3g}" if left == size else moves
+    description = "; ".join(
+        [*_named(effects), *moved[:MOST_NAMED], *_more(len(moved) - MOST_NAMED)]
+    )
+    turn = "fall" if size_after < size else "do not fall but rise"
+    moves = f"{turn} from {size:.3g} to {size_after:.3g}"
+    moves = f"stay at {size:.3g}" if size_after == size else moves
     held = "" if after.holdout_rms is None else " on held-out visits"
-    apart = _of_another_unit(components, unit) if left == size else ""
+    apart = _of_another_unit(components, unit) if size_after == size else ""
     # The figures are of all that was found, and that is not what adopting by default takes.
-    is_mixed = len(effects) > 1 and len({one.helps for one in effects}) > 1
+    is_mixed = len(effects) > 1 and len({candidate.helps for candidate in effects}) > 1
     whose = "With all effects the" if is_mixed else "The"
     changed = f"{whose} residuals {moves} {unit}{apart}{held}{scatter}"
-    if effects and not moved and not any(one.helps for one in effects):
-        why_not = next((one.why_not for one in effects if one.why_not), NOT_ADOPTED)
-        goes = f"go from {size:.3g} to {left:.3g} {unit}{apart}{held}{scatter}"
+    if effects and not moved and not any(candidate.helps for candidate in effects):
+        why_not = next(
+            (candidate.why_not for candidate in effects if candidate.why_not), NOT_ADOPTED
+        )
+        goes = f"go from {size:.3g} to {size_after:.3g} {unit}{apart}{held}{scatter}"
         changed = f"With it the residuals would {goes}. It is not adopted: {why_not}"
     rest = f". Something unexplained remains in {where}" if verdict == "unexplained" else ""
-    sensors = [name for one in effects for name in one.sensors]
-    sensors += [name for one in refitted for name in one.effect.sensors]
-    return f"{capitalised(found, sensors)}. {changed}{rest}."
+    sensors = [name for candidate in effects for name in candidate.sensors]
+    sensors += [name for refit in refitted for name in refit.effect.sensors]
+    return f"{capitalised(description, sensors)}. {changed}{rest}."
 
 
 def not_compared(left_out: Sequence[LeftOut], compared: int) -> tuple[str, str]:
@@ -119,13 +124,13 @@ def not_compared(left_out: Sequence[LeftOut], compared: int) -> tuple[str, str]:
     >>> not_compared([LeftOut("frozen", 30)], 70)[1]
     'Find out why 30 of 100 values took no part: frozen.'
     """
-    count = sum(one.count for one in left_out)
+    count = sum(group.count for group in left_out)
     if count < MUCH * (count + compared):
         return "", ""
-    several = [f"{one.count} {one.reason}" for one in left_out]
+    several = [f"{group.count} {group.reason}" for group in left_out]
     reasons = list_names(several, MOST_NAMED) if len(left_out) > 1 else left_out[0].reason
     share = f"{count} of {counted(count + compared, 'value')}"
-    beyond = sum(one.count for one in left_out if one.reason == BEYOND_THE_MAPS)
+    beyond = sum(group.count for group in left_out if group.reason == BEYOND_THE_MAPS)
     to_do = (
         "Measure maps at the temperatures of these visits, or let the machine extrapolate "
         f"(`out_of_range`): {share} took no part, {beyond} of them because they lie "
@@ -138,13 +143,19 @@ def not_compared(left_out: Sequence[LeftOut], compared: int) -> tuple[str, str]:
 
 def _of_another_unit(components: Sequence[ComponentFigures], unit: str) -> str:
     """Say which component that the overall figures leave out has changed most; empty: none has."""
-    changed = [one for one in components if one.unit != unit and len({*one.shown_rms}) > 1]
+    changed = [
+        component
+        for component in components
+        if component.unit != unit and len({*component.shown_rms}) > 1
+    ]
     if not changed:
         return ""
-    one = max(changed, key=lambda it: abs(it.shown_rms[0] - it.shown_rms[1]) / it.noise)
-    before, after = one.shown_rms
+    largest = max(changed, key=lambda it: abs(it.shown_rms[0] - it.shown_rms[1]) / it.noise)
+    before, after = largest.shown_rms
     how = "fall" if after < before else "rise"
-    return f", and those of {one.component} {how} from {before:.3g} to {after:.3g} {one.unit}"
+    return (
+        f", and those of {largest.component} {how} from {before:.3g} to {after:.3g} {largest.unit}"
+    )
 
 
 def _named(effects: Sequence[FoundEffect]) -> list[str]:
@@ -162,10 +173,10 @@ def _named(effects: Sequence[FoundEffect]) -> list[str]:
     if len(effects) <= MOST_NAMED:
         return [_how_sure(effect) for effect in effects]
     ordered = sorted(effects, key=matters)
-    told = [_how_sure(effect) for effect in ordered[:MOST_NAMED]]
+    descriptions = [_how_sure(effect) for effect in ordered[:MOST_NAMED]]
     rest = Counter(str(effect.status) for effect in ordered[MOST_NAMED:])
     sure = ", ".join(f"{count} {status}" for status, count in rest.items())
-    return [*told, *(f"{more} ({sure})" for more in _more(len(ordered) - MOST_NAMED))]
+    return [*descriptions, *(f"{more} ({sure})" for more in _more(len(ordered) - MOST_NAMED))]
 
 
 def _more(count: int) -> list[str]:
@@ -210,25 +221,25 @@ def what_next(
     times_s : ndarray, shape (n,), or None
         When it was observed [s since 1970].
     """
-    found = [*mistakes_first(effects), *([CUT] if is_cut else [])]
-    found += asked_again(far)
+    steps = [*mistakes_first(effects), *([CUT] if is_cut else [])]
+    steps += asked_again(far)
     for number, effect in enumerate(effects):
-        found += _of_effect(effect, f"effect {number}: " if len(effects) > 1 else "")
-    found += _look_at(unexplained)
+        steps += _of_effect(effect, f"effect {number}: " if len(effects) > 1 else "")
+    steps += _look_at(unexplained)
     if visits < (ENOUGH_VISITS if is_short_of_visits else FEWEST_BLOCKS):
-        found.append(
+        steps.append(
             f"Add visits at other temperatures: {visits} took part, and effects that change from "
             f"visit to visit need at least {FEWEST_BLOCKS}, preferably {ENOUGH_VISITS}."
         )
     if times_s is not None and (hours := hours_of_day(times_s)):
-        found.append(
+        steps.append(
             f"Measure at other hours of the day too: all observations were between {hours} UTC, "
             "and what changes with the hour looks there as if it were always so."
         )
-    found += to_state
-    if not found:
-        found.append("Nothing needs to be done. Measure again once the machine may have worn.")
-    return tuple(dict.fromkeys(found))
+    steps += to_state
+    if not steps:
+        steps.append("Nothing needs to be done. Measure again once the machine may have worn.")
+    return tuple(dict.fromkeys(steps))
 
 
 def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:
@@ -238,9 +249,9 @@ def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:
     where = [f"{p.component}: it moves with {list_names(p.moves_with, 3)}" for p in alone]
     where += [list_names(together)] if together else []
     return [
-        f"Look at {one}. Record what else changes there (coolant, doors, clamping, other "
+        f"Look at {part}. Record what else changes there (coolant, doors, clamping, other "
         "machines), and measure it again together with that record."
-        for one in where
+        for part in where
     ]
 
 
@@ -317,7 +328,7 @@ def _what(named: Named) -> str:
 
 def _of_effect(effect: FoundEffect, which: str) -> list[str]:
     """Say what to do about one effect."""
-    found = [
+    steps = [
         separating_step(effect, a)
         for a in effect.ties[:2]
         if a.separating_measurement and not do_the_same(a, effect.effect)
@@ -325,18 +336,18 @@ def _of_effect(effect: FoundEffect, which: str) -> list[str]:
     kind = kind_of(effect.effect.kind)
     if effect.status != "confirmed":
         shown_by = kind.separating_measurement(effect.effect, effect.effect)
-        found.append(
+        steps.append(
             f"To confirm the {effect.effect.kind} effect on "
             f"{list_names(effect.effect.components, 3)}, now {effect.status}: {shown_by}."
         )
     if effect.doubt:
         doubt = capitalised(which + effect.doubt, effect.sensors)
-        found.append(f"{doubt}: look for what else changes there.")
+        steps.append(f"{doubt}: look for what else changes there.")
     if effect.leverage_warning:
-        found.append(f"{capitalised(which + effect.leverage_warning)}.")
+        steps.append(f"{capitalised(which + effect.leverage_warning)}.")
     if to_do := what_to_do(effect):
-        found.append(to_do)
+        steps.append(to_do)
     # Until when it may be used, is no advice about what is not known to help.
     if effect.measure_again and effect.helps:
-        found.append(f"{effect.measure_again}.")
-    return found
+        steps.append(f"{effect.measure_again}.")
+    return steps

@@ -138,11 +138,11 @@ def analyse(
     residuals = residuals_of(campaign, inexact)
     projection = residuals.projection
     view = CampaignView(campaign.model, campaign.maps, residuals.rows, projection.conditions)
-    known = None if kinds is None else tuple(_known(kinds))
-    library = repertoire(view, known)
+    chosen_kinds = None if kinds is None else tuple(_checked_kinds(kinds))
+    library = repertoire(view, chosen_kinds)
     rows = residuals.as_rows()
     before = adopted_before(campaign, projection, library.hypotheses)
-    learns = known is None or Response.kind in known
+    learns = chosen_kinds is None or Response.kind in chosen_kinds
     searched = SEARCHED if learns else 1.0
     with one_blas_thread():
         tried = judge_assignments(campaign, residuals)
@@ -153,14 +153,14 @@ def analyse(
         generic = generic_candidates(view)
 
         def look(
-            candidates: Sequence[Candidate], known: Known | None, progress: Progress | None
+            candidates: Sequence[Candidate], fixed: Known | None, progress: Progress | None
         ) -> FinishedSearch:
             findings = search(
                 rows,
                 of_maps,
                 [*candidates, *generic],
                 holdout_fraction=holdout_fraction,
-                adopted=known,
+                adopted=fixed,
                 unsaid=between,
                 seed=seed,
                 progress=progress,
@@ -169,13 +169,13 @@ def analyse(
             of_rows = (residuals, rows, findings, use)
             return FinishedSearch(*of_rows, library.with_forms, of_maps, campaign.maps)
 
-        found = look(
+        finished = look(
             library.candidates,
             before.known(library.candidates),
             _part(progress, PREPARED, searched),
         )
-        found, before = _with_refits_that_hold(
-            found,
+        finished, before = _with_refits_that_hold(
+            finished,
             before,
             lambda: look(
                 before.beside(library.candidates), None, _part(progress, searched, searched)
@@ -185,18 +185,23 @@ def analyse(
         if learns:
             as_read = None if inexact else residuals
             responses = find_responses(campaign, _part(progress, searched, 1.0), as_read)
-    found = with_what_stays_large(found, of_maps)
-    faulty = faults_of_readings(found, faults, _believed(as_given, residuals, faults))
-    found, responses = beside_search(found, responses, campaign.effects)
-    answer = _answer(found, library, faulty, responses, campaign.effects, before, seed, known)
+    finished = with_what_stays_large(finished, of_maps)
+    faulty = faults_of_readings(finished, faults, _believed(as_given, residuals, faults))
+    finished, responses = beside_search(finished, responses, campaign.effects)
+    answer = _answer(
+        finished, library, faulty, responses, campaign.effects, before, seed, chosen_kinds
+    )
     answer = withhold(
-        answer, not_judged(found, of_maps), stays_large(found, of_maps), judged_channels(found)
+        answer,
+        not_judged(finished, of_maps),
+        stays_large(finished, of_maps),
+        judged_channels(finished),
     )
     answer = _with_next_steps(answer, campaign, residuals, inexact)
     return said_first(answer, tried, campaign.model.machine.id)
 
 
-def _known(kinds: Collection[str]) -> list[str]:
+def _checked_kinds(kinds: Collection[str]) -> list[str]:
     """Order kinds as the registry does, so that the order of asking decides nothing."""
     for name in kinds:
         kind_of(name)
@@ -212,94 +217,98 @@ def _part(progress: Progress | None, begin: float, end: float) -> Progress | Non
 
 def _believed(as_given: Campaign, residuals: Residuals, faults: ReadingFaults) -> FloatArray:
     """Give the residuals with faulty readings believed; NaN where they were not believed."""
-    found = np.full(len(residuals.rows), np.nan)
+    believed = np.full(len(residuals.rows), np.nan)
     if any(effect.variant == SPIKES for effect in faults.effects):
-        given = residuals_of(as_given)
-        values = np.full(len(given.kept), np.nan)
-        values[given.kept] = given.values
-        found = values[residuals.kept]
-    return found
+        as_declared = residuals_of(as_given)
+        values = np.full(len(as_declared.kept), np.nan)
+        values[as_declared.kept] = as_declared.values
+        believed = values[residuals.kept]
+    return believed
 
 
 def _with_refits_that_hold(
-    found: FinishedSearch, before: AdoptedBefore, staying: Callable[[], FinishedSearch]
+    finished: FinishedSearch, before: AdoptedBefore, staying: Callable[[], FinishedSearch]
 ) -> tuple[FinishedSearch, AdoptedBefore]:
     """Fit what the model has anew only where held-out set-ups agree; else search beside it."""
-    if found.findings.known is None:
-        return found, before
-    again = refitted_effects(found, before, found.findings.refitted, is_refused=False)
-    is_changed = any(one.is_changed for one in again)
-    effects = found.effects()
+    if finished.findings.known is None:
+        return finished, before
+    again = refitted_effects(finished, before, finished.findings.refitted, is_refused=False)
+    is_changed = any(refit_.is_changed for refit_ in again)
+    effects = finished.effects()
     if any(
-        found.is_name_sure(effect, term) and shakes(effect, one.effect, term.channels)
-        for effect, term in zip(effects, found.findings.terms, strict=True)
-        for one in before.anew
+        finished.is_name_sure(effect, term) and shakes(effect, refit_.effect, term.channels)
+        for effect, term in zip(effects, finished.findings.terms, strict=True)
+        for refit_ in before.anew
     ):
         return staying(), before.staying(BESIDE_A_MISTAKE)
-    acts = (before.explained != 0.0) | (np.nan_to_num(found.findings.known) != 0.0)
-    channels = np.unique(found.rows.channel[acts & found.use]).tolist()
-    is_shared = any(set(channels).intersection(term.channels) for term in found.findings.terms)
-    beside = staying() if is_shared else found.without_refits()
-    if is_refit_better(found, channels, beside.findings.adopted):
-        return found, before
+    acts = (before.explained != 0.0) | (np.nan_to_num(finished.findings.known) != 0.0)
+    channels = np.unique(finished.rows.channel[acts & finished.use]).tolist()
+    is_shared = any(set(channels).intersection(term.channels) for term in finished.findings.terms)
+    beside = staying() if is_shared else finished.without_refits()
+    if is_refit_better(finished, channels, beside.findings.adopted):
+        return finished, before
     # What stays although it would have moved leaves something that is to be judged.
     beside = staying() if is_changed and not is_shared else beside
     return beside, before.staying(NOT_BETTER)
 
 
 def _answer(
-    found: FinishedSearch,
+    finished: FinishedSearch,
     library: Repertoire,
     faulty: Sequence[FoundEffect],
     responses: Responses,
-    known: Sequence[Effect],
+    adopted: Sequence[Effect],
     before: AdoptedBefore,
     seed: int,
     kinds: tuple[str, ...] | None,
 ) -> Analysis:
-    effects = found.effects()
-    decision = decide(found, effects)
+    effects = finished.effects()
+    decision = decide(finished, effects)
     if not decision.refits_hold:
-        found = found.without_refits()
-        decision = decide(found, effects)
-    effects, refitted = _together(found, before, effects, decision)
-    findings = found.findings
-    explained = _by_live_path(found, known, effects_after(known, refitted, effects))
+        finished = finished.without_refits()
+        decision = decide(finished, effects)
+    effects, refitted = _together(finished, before, effects, decision)
+    findings = finished.findings
+    explained = _by_live_path(finished, adopted, effects_after(adopted, refitted, effects))
     for mistake in (effect for effect in effects if not effect.terms):
-        explained = explained + found.explained(mistake)
+        explained = explained + finished.explained(mistake)
     for offered in responses.offered:
-        explained = explained + explained_by(found, offered, known)
-    chosen = found.use & lengths(found.residuals)
+        explained = explained + explained_by(finished, offered, adopted)
+    chosen = finished.use & lengths(finished.residuals)
     seen = np.where(np.isfinite(findings.adopted), 0.0, np.nan)
-    left = found.rows.values - explained
-    size = pooled_figures(found.rows, found.zeros, found.rows.values, seen, chosen, seed)
-    after = pooled_figures(found.rows, found.zeros, left, findings.adopted, chosen, seed)
+    residuals_after = finished.rows.values - explained
+    size = pooled_figures(finished.rows, finished.zeros, finished.rows.values, seen, chosen, seed)
+    after = pooled_figures(
+        finished.rows, finished.zeros, residuals_after, findings.adopted, chosen, seed
+    )
     described = [
-        *not_beside(found_effects(found, effects, decision), known),
+        *not_beside(found_effects(finished, effects, decision), adopted),
         *(offered.found for offered in responses.offered),
         *faulty,
     ]
-    components = component_figures(found.residuals, found.rows, explained, findings, found.use)
-    unexplained = _unexplained(found, left)
+    components = component_figures(
+        finished.residuals, finished.rows, explained, findings, finished.use
+    )
+    unexplained = _unexplained(finished, residuals_after)
     not_testable = (*_not_testable(library, findings), *by_reason(responses.not_testable))
     verdict = VERDICTS[findings.verdict]
-    is_due = any(one.is_changed for one in refitted)
+    is_due = any(refit_.is_changed for refit_ in refitted)
     if (faulty or responses.offered or is_due) and findings.verdict is Verdict.NOTHING:
         verdict = VERDICTS[Verdict.FOUND]
-    noise = _noise(found)
+    noise = _noise(finished)
     floor = _floor(components)
-    unit = figures_unit(found.residuals)
-    far = far_values(found)
-    denied = _contradiction(found)
-    not_seen, to_see = not_compared(found.residuals.left_out, len(found.residuals.rows))
-    told = summary(
+    unit = figures_unit(finished.residuals)
+    far = far_values(finished)
+    denied = _contradiction(finished)
+    not_seen, to_see = not_compared(finished.residuals.left_out, len(finished.residuals.rows))
+    sentence = summary(
         *(verdict, described, refitted, unexplained, size, after, noise, unit, kinds, components)
     )
     return Analysis(
         verdict=verdict,
         summary=(
-            maps_that_harm(found)
-            + told
+            maps_that_harm(finished)
+            + sentence
             + (f" {denied.sentence}" if denied else "")
             + not_seen
             + left_out_words(far)
@@ -312,27 +321,29 @@ def _answer(
         before=size,
         after=after,
         after_with_maps_refitted=pooled_figures(
-            found.rows, found.zeros, left, findings.predicted, chosen, seed
+            finished.rows, finished.zeros, residuals_after, findings.predicted, chosen, seed
         ),
         p_global=findings.global_p,
-        visits=int(np.unique(found.rows.visit[found.use]).size),
-        values=int(found.use.sum()),
+        visits=int(np.unique(finished.rows.visit[finished.use]).size),
+        values=int(finished.use.sum()),
         components=tuple(components),
         effects=tuple(described),
         refitted=refitted,
         unexplained=tuple(unexplained),
-        excluded=tuple(_excluded(found.residuals, findings)),
+        excluded=tuple(_excluded(finished.residuals, findings)),
         far_values=far[:MOST_LISTED],
         not_testable=not_testable,
-        detectable=tuple(_detectable(found)),
+        detectable=tuple(_detectable(finished)),
         what_next=what_next(
-            *(described, unexplained, found.residuals.rows.visits, far),
+            *(described, unexplained, finished.residuals.rows.visits, far),
             [*filter(None, (to_see, denied.to_state if denied else ""))],
-            is_short_of_visits=any(one.reason == FEW_VISITS for one in findings.untested),
+            is_short_of_visits=any(
+                untested_.reason == FEW_VISITS for untested_ in findings.untested
+            ),
             is_cut=findings.is_cut,
-            times_s=found.residuals.rows.times_s[found.use],
+            times_s=finished.residuals.rows.times_s[finished.use],
         ),
-        plots=plots(found, [*effects, *(offered.effect for offered in responses.offered)]),
+        plots=plots(finished, [*effects, *(offered.effect for offered in responses.offered)]),
     )
 
 
@@ -361,7 +372,7 @@ def _with_next_steps(
 
 
 def _together(
-    found: FinishedSearch, before: AdoptedBefore, effects: list[Effect], decision: Decision
+    finished: FinishedSearch, before: AdoptedBefore, effects: list[Effect], decision: Decision
 ) -> tuple[list[Effect], tuple[RefittedEffect, ...]]:
     """Fit what the model has and what helps together: this is what adoption stores.
 
@@ -371,71 +382,83 @@ def _together(
         The found effects, those that help as they are without the others; and what becomes of
         the model's own.
     """
-    findings = found.findings
+    findings = finished.findings
     if findings.beside is None or not decision.refits_hold:
-        return effects, refitted_effects(found, before, (), is_refused=not decision.refits_hold)
+        return effects, refitted_effects(finished, before, (), is_refused=not decision.refits_hold)
     # A mistake in the data is in these rows, whatever is adopted.
-    kept = [i for i, one in enumerate(decision.helps) if one.helps or not effects[i].terms]
-    terms, refitted = findings.beside({findings.terms[i].place for i in kept})
-    if findings.refitted and len(kept) < len(effects):
-        anew = {term.place: found.effect_of(term) for term in terms}
+    helping = [
+        i for i, verdict in enumerate(decision.helps) if verdict.helps or not effects[i].terms
+    ]
+    terms, refitted = findings.beside({findings.terms[i].place for i in helping})
+    if findings.refitted and len(helping) < len(effects):
+        anew = {term.place: finished.effect_of(term) for term in terms}
         pairs = zip(effects, findings.terms, strict=True)
         effects = [anew.get(term.place, effect) for effect, term in pairs]
-    return effects, refitted_effects(found, before, refitted, is_refused=False)
+    return effects, refitted_effects(finished, before, refitted, is_refused=False)
 
 
 def _by_live_path(
-    found: FinishedSearch, before: Sequence[Effect], after: Sequence[Effect]
+    finished: FinishedSearch, before: Sequence[Effect], after: Sequence[Effect]
 ) -> FloatArray:
     """Say what other effects add to each row, as predictions and tables add them, shape (n,)."""
-    projection = found.residuals.projection
+    projection = finished.residuals.projection
     was, becomes = (contributions(projection, effects).errors for effects in (before, after))
     return becomes - was
 
 
-def _contradiction(found: FinishedSearch) -> Contradiction | None:
-    noise = found.findings.noise
-    shown = {c: one.repeatability for c, one in noise.items() if one.origin == COMMON}
-    return contradiction(found.residuals, found.rows, shown)
+def _contradiction(finished: FinishedSearch) -> Contradiction | None:
+    noise = finished.findings.noise
+    common = {
+        c: channel_noise.repeatability
+        for c, channel_noise in noise.items()
+        if channel_noise.origin == COMMON
+    }
+    return contradiction(finished.residuals, finished.rows, common)
 
 
-def _noise(found: FinishedSearch) -> float | None:
+def _noise(finished: FinishedSearch) -> float | None:
     """Pool the repeatability over the channels in µm, or over all where there is none.
 
     None where nothing is known of it.
     """
-    chosen = lengths(found.residuals)
+    chosen = lengths(finished.residuals)
     numbers = [
         n
-        for n in found.findings.noise
-        if chosen[found.rows.channel == n].any() and tells_scatter(found, n)
+        for n in finished.findings.noise
+        if chosen[finished.rows.channel == n].any() and tells_scatter(finished, n)
     ]
-    noise = found.findings.noise
+    noise = finished.findings.noise
     return pooled([noise[n].fitted for n in numbers], [noise[n].rows for n in numbers])
 
 
 def _floor(components: Sequence[ComponentFigures]) -> float | None:
     """Pool the floor as the figures are pooled; None where one of their components has none."""
-    in_um = [one for one in components if one.unit == Unit.UM.symbol] or list(components)
-    known = [one.floor for one in in_um if one.floor is not None]
-    return pooled(known, [one.count for one in in_um]) if len(known) == len(in_um) else None
+    in_um = [component for component in components if component.unit == Unit.UM.symbol] or list(
+        components
+    )
+    floors = [component.floor for component in in_um if component.floor is not None]
+    return (
+        pooled(floors, [component.count for component in in_um])
+        if len(floors) == len(in_um)
+        else None
+    )
 
 
-def _unexplained(found: FinishedSearch, left: FloatArray) -> list[UnexplainedPart]:
+def _unexplained(finished: FinishedSearch, residuals_after: FloatArray) -> list[UnexplainedPart]:
     """Gather what is left by channel, with what it moves with."""
     by_channel = defaultdict(list)
-    for one in found.findings.unexplained:
-        by_channel[one.channel].append(one)
-    names = found.residuals.rows.channels
+    for part in finished.findings.unexplained:
+        by_channel[part.channel].append(part)
+    names = finished.residuals.rows.channels
     parts = []
     for channel, ones in by_channel.items():
-        own = found.use & (found.rows.channel == channel)
+        of_channel = finished.use & (finished.rows.channel == channel)
         moves_with = [words_of(o.moves_with) for o in ones if o.test == "generic" and o.moves_with]
         parts.append(
             UnexplainedPart(
                 component=names[channel],
-                rms=rms(found.from_zero(left, own)),
-                noise=found.findings.noise[channel].fitted,
+                rms=rms(finished.from_zero(residuals_after, of_channel)),
+                noise=finished.findings.noise[channel].fitted,
                 unit=channel_unit(names[channel]).symbol,
                 moves_with=tuple(dict.fromkeys(moves_with)),
                 tests=tuple(dict.fromkeys(o.test for o in ones)),
@@ -446,14 +469,16 @@ def _unexplained(found: FinishedSearch, left: FloatArray) -> list[UnexplainedPar
 
 def _excluded(residuals: Residuals, findings: Findings) -> list[LeftOut]:
     counts = Counter({one.reason: one.count for one in residuals.left_out})
-    for one in findings.excluded:
-        counts[OUTLIERS[one.reason]] += len(one.rows)
+    for group in findings.excluded:
+        counts[OUTLIERS[group.reason]] += len(group.rows)
     return [LeftOut(reason, count) for reason, count in counts.most_common()]
 
 
 def _not_testable(library: Repertoire, findings: Findings) -> tuple[NotTested, ...]:
     """List what could not be tested: what the kinds say, and what the search says."""
-    hypotheses = [(library.hypotheses[one.key], _why(one)) for one in findings.untested]
+    hypotheses = [
+        (library.hypotheses[untested.key], _why(untested)) for untested in findings.untested
+    ]
     return by_reason(
         [
             *library.not_testable,
@@ -468,18 +493,18 @@ def _why(untested: Untested) -> str:
     return "these observations do not show it: what drives it never changed where it would act"
 
 
-def _detectable(found: FinishedSearch) -> list[SmallestSeen]:
+def _detectable(finished: FinishedSearch) -> list[SmallestSeen]:
     """Give the smallest effect of each kind on each component that would have been seen."""
     best: dict[tuple[str, str], SmallestSeen] = {}
-    noise = found.findings.noise
-    numbers = {name: i for i, name in enumerate(found.residuals.rows.channels)}
+    noise = finished.findings.noise
+    numbers = {name: i for i, name in enumerate(finished.residuals.rows.channels)}
     points = [numbers[name] for name in POINT_CHANNELS if name in numbers]
-    for least in found.findings.detectable:
-        hypothesis = found.hypotheses[least.key]
+    for least in finished.findings.detectable:
+        hypothesis = finished.hypotheses[least.key]
         component = list_names(hypothesis.components, 3)
         channel = numbers.get(hypothesis.components[0])
-        own = [c for c in noise if c == channel] or [c for c in noise if c in points]
-        size = float(np.median([noise[c].repeatability for c in own or noise]))
+        channels = [c for c in noise if c == channel] or [c for c in noise if c in points]
+        size = float(np.median([noise[c].repeatability for c in channels or noise]))
         seen = SmallestSeen(
             hypothesis.kind,
             component,

@@ -221,18 +221,22 @@ class Analysis(Answer, published_as="AnalysisResult"):
     @property
     def proposals(self) -> tuple[TriedAssignment, ...]:
         """The components that should follow another sensor."""
-        return tuple(one for one in self.assignments if one.proposed_sensor is not None)
+        return tuple(
+            assignment for assignment in self.assignments if assignment.proposed_sensor is not None
+        )
 
     @property
     def is_refit_due(self) -> bool:
         """Whether adopting changes effects that the model has already."""
-        return any(one.is_changed for one in self.refitted)
+        return any(refit.is_changed for refit in self.refitted)
 
     @property
     def overall_count(self) -> int:
         """How many values the figures over all components are of: lengths, or all without any."""
-        lengths = [one.count for one in self.components if one.unit == Unit.UM.symbol]
-        return sum(lengths or [one.count for one in self.components])
+        lengths = [
+            component.count for component in self.components if component.unit == Unit.UM.symbol
+        ]
+        return sum(lengths or [component.count for component in self.components])
 
 
 def by_reason(not_tested: Iterable[NotTested]) -> tuple[NotTested, ...]:
@@ -244,8 +248,8 @@ def by_reason(not_tested: Iterable[NotTested]) -> tuple[NotTested, ...]:
     (NotTested(kind='drift', on='EXX, EXY', reason='few'),)
     """
     together: dict[tuple[str, str], dict[str, None]] = defaultdict(dict)
-    for one in not_tested:
-        together[one.kind, one.reason] |= {one.on: None} if one.on else {}
+    for refusal in not_tested:
+        together[refusal.kind, refusal.reason] |= {refusal.on: None} if refusal.on else {}
     return tuple(
         NotTested(kind, list_names(names, MOST_SUBJECTS) if names else "", reason)
         for (kind, reason), names in together.items()

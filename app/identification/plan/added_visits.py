@@ -56,8 +56,8 @@ def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
         return []
     there = conditions_at(campaign, np.concatenate([begins_s, moments_s]))
     names, features = _features(there, begins_s.size)
-    known = np.isfinite(features[begins_s.size :].sum(axis=1))
-    chosen = _furthest(np.nan_to_num(features), begins_s.size, known)
+    complete = np.isfinite(features[begins_s.size :].sum(axis=1))
+    chosen = _furthest(np.nan_to_num(features), begins_s.size, complete)
     return [_added(template, there, names, features, row, i) for i, row in enumerate(chosen)]
 
 
@@ -69,15 +69,15 @@ def _template(
 ) -> tuple[Verification, float]:
     """Take the visit with most observations out of its verification, and say how long it lasts."""
     largest = int(np.argmax(np.bincount(visit)))
-    own = visit == largest
-    source = campaign.verifications[int(verification[own][0])]
-    begin_s, end_s = float(times_s[own].min()), float(times_s[own].max())
-    kept = [
+    of_visit = visit == largest
+    source = campaign.verifications[int(verification[of_visit][0])]
+    begin_s, end_s = float(times_s[of_visit].min()), float(times_s[of_visit].max())
+    observations = [
         replace(o, time_s=o.time_s - begin_s, state={})
         for o in source.observations
         if begin_s <= o.time_s <= end_s
     ]
-    return replace(source, observations=kept, is_planned=True), end_s - begin_s
+    return replace(source, observations=observations, is_planned=True), end_s - begin_s
 
 
 def conditions_at(campaign: Campaign, times_s: FloatArray) -> Conditions:
@@ -103,17 +103,17 @@ def _features(there: Conditions, planned: int) -> tuple[list[str], FloatArray]:
         return [], np.zeros((len(there), 0))
     columns = np.column_stack([everything[n] for n in names])
     middle = np.nan_to_num(np.nanmean(columns[:planned], axis=0))
-    found: FloatArray = (columns - middle) / np.nanstd(columns, axis=0)
-    return names, found
+    scaled: FloatArray = (columns - middle) / np.nanstd(columns, axis=0)
+    return names, scaled
 
 
-def _furthest(features: FloatArray, planned: int, known: BoolArray) -> list[int]:
+def _furthest(features: FloatArray, planned: int, complete: BoolArray) -> list[int]:
     """Choose one moment after the other, each furthest from all before it."""
     chosen: list[int] = []
     away = np.full(len(features) - planned, np.inf)
     for row in range(planned):
         away = np.minimum(away, np.linalg.norm(features[planned:] - features[row], axis=1))
-    away = np.where(known, away, -1.0)
+    away = np.where(complete, away, -1.0)
     while len(chosen) < MOST_VISITS and away.max(initial=-1.0) > 0:
         best = int(away.argmax())
         chosen.append(planned + best)

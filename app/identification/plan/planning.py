@@ -97,15 +97,15 @@ def plan(campaign: Campaign, model_version: int, false_alarm: float = FALSE_ALAR
         entries = _read_middles(problem, library.candidates)
         limits = _DetectionLimits(entries, library.hypotheses, residuals, chances)
         seen = limits.smallest(0, rivals=True)
-    effects = _best_forms([limits.described(one) for one in seen.values()])
+    effects = _best_forms([limits.described(detectable) for detectable in seen.values()])
     suggestions = _suggestions(limits, planned, added, seen)
-    own = residuals.rows.verification < len(planned.verifications)
-    visits = int(np.unique(residuals.rows.visit[own]).size)
+    are_planned = residuals.rows.verification < len(planned.verifications)
+    visits = int(np.unique(residuals.rows.visit[are_planned]).size)
     return Plan(
         model_version=model_version,
-        summary=_summary(visits, int(own.sum()), effects, suggestions),
+        summary=_summary(visits, int(are_planned.sum()), effects, suggestions),
         visits=visits,
-        values=int(own.sum()),
+        values=int(are_planned.sum()),
         notes=(*notes, *assumed),
         effects=tuple(sorted(effects, key=_distinguishability)),
         not_testable=_not_testable(library, seen),
@@ -180,23 +180,23 @@ def _shifted(verification: Verification, shift_s: float) -> Verification:
 def _with_declared_noise(residuals: Residuals, planned: Campaign) -> tuple[Rows, list[str]]:
     """Declare a repeatability for every channel: what is stated, or shown in its place, or one."""
     rows, notes = residuals.as_rows(), []
-    stated = {c: n for c, n in rows.noise.items() if n.repeatability}
+    declared = {c: n for c, n in rows.noise.items() if n.repeatability}
     measured = [v for v in planned.verifications if not v.is_planned]
-    if stated and measured:
+    if declared and measured:
         alone = replace(planned, verifications=measured)
         denied = observed_scatter(alone, residuals_of(alone)).contradiction
         if denied is not None:
-            stated = {c: replace(n, repeatability=denied.shown_um) for c, n in stated.items()}
+            declared = {c: replace(n, repeatability=denied.shown_um) for c, n in declared.items()}
             notes.append(denied.sentence)
-    elif stated:
+    elif declared:
         notes.append(
             "the stated repeatability was taken as it is: name stored verifications of the same "
             "instrument to have it held against what they show"
         )
-    of_stated = [n.repeatability for n in stated.values() if n.repeatability]
+    of_stated = [n.repeatability for n in declared.values() if n.repeatability]
     assumed = float(np.median(of_stated)) if of_stated else ASSUMED_REPEATABILITY_UM
-    lacking = [c for c in np.unique(rows.channel).tolist() if c not in stated]
-    noise = {**stated, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
+    lacking = [c for c in np.unique(rows.channel).tolist() if c not in declared]
+    noise = {**declared, **{c: DeclaredNoise(repeatability=assumed) for c in lacking}}
     if lacking:
         names = list_names([residuals.rows.channels[c] for c in lacking], 6)
         notes.append(
@@ -253,46 +253,48 @@ class _DetectionLimits:
         """Give the smallest effects that the visits of some cells would show, by key."""
         problem = self.library.problem
         states = problem.states(np.isin(np.arange(problem.cells), cells))
-        found = smallest_effects(self.library, states, self.chances, rivals)
-        return {one.key: one for one in found}
+        detectables = smallest_effects(self.library, states, self.chances, rivals)
+        return {detectable.key: detectable for detectable in detectables}
 
-    def described(self, one: Detectable) -> PlannedEffect:
+    def described(self, detectable: Detectable) -> PlannedEffect:
         """Put an effect into words and its component's unit."""
-        own = self.hypotheses[one.key]
-        size, unit = self._size(own)
+        hypothesis = self.hypotheses[detectable.key]
+        size, unit = self._size(hypothesis)
         distinguishable_rms = (
-            one.distinguishable * size if np.isfinite(one.distinguishable) else None
+            detectable.distinguishable * size if np.isfinite(detectable.distinguishable) else None
         )
         return PlannedEffect(
-            *claim_of(own),
+            *claim_of(hypothesis),
             unit,
-            one.smallest * size,
+            detectable.smallest * size,
             distinguishable_rms,
-            self._rival(own, one),
+            self._rival(hypothesis, detectable),
         )
 
     def improved(self, key: str, before: Detectable, after: Detectable) -> ImprovedEffect:
         """Say what more visits do for one effect."""
-        own = self.hypotheses[key]
-        size, unit = self._size(own)
+        hypothesis = self.hypotheses[key]
+        size, unit = self._size(hypothesis)
         sizes = (before.smallest * size, after.smallest * size)
-        return ImprovedEffect(*claim_of(own), unit, *sizes)
+        return ImprovedEffect(*claim_of(hypothesis), unit, *sizes)
 
     def _size(self, hypothesis: Hypothesis) -> tuple[float, str]:
         """Give the repeatability of the component's own channel, or of points, and its unit."""
         names = self.residuals.rows.channels
         fixed = self.library.problem.fixed
-        own = [c for c in fixed if names[c] in hypothesis.components] or list(fixed)[-1:]
-        return fixed[own[0]].channel.scale, channel_unit(names[own[0]]).symbol
+        channels = [c for c in fixed if names[c] in hypothesis.components] or list(fixed)[-1:]
+        return fixed[channels[0]].channel.scale, channel_unit(names[channels[0]]).symbol
 
-    def _rival(self, own: Hypothesis, one: Detectable) -> PlannedRival | None:
-        if one.rival is None:
+    def _rival(self, hypothesis: Hypothesis, detectable: Detectable) -> PlannedRival | None:
+        if detectable.rival is None:
             return None
-        rival = self.hypotheses[one.rival]
+        rival = self.hypotheses[detectable.rival]
         return PlannedRival(
             *claim_of(rival),
-            one.overlap or 0.0,
-            separating_measurement(own, rival) if (one.overlap or 0.0) > IMITATED else None,
+            detectable.overlap or 0.0,
+            separating_measurement(hypothesis, rival)
+            if (detectable.overlap or 0.0) > IMITATED
+            else None,
         )
 
 
@@ -303,7 +305,7 @@ def _suggestions(
     seen: Mapping[str, Detectable],
 ) -> list[Suggestion]:
     """Try each visit beside the plan; the one that lowers the smallest effects most goes first."""
-    found, ranges = [], sensor_ranges(campaign)
+    ranked, ranges = [], sensor_ranges(campaign)
     for number, visit in enumerate(added):
         after = limits.smallest(0, number + 1)
         shares = {
@@ -320,16 +322,16 @@ def _suggestions(
         ][:MOST_HELPED]
         gain = float(np.mean(np.log(list(shares.values())))) if shares else 0.0
         if helped:
-            found.append((gain, _suggestion(campaign, ranges, visit, helped)))
-    return [s for _, s in sorted(found, key=lambda f: f[0])[:MOST_SUGGESTIONS]]
+            ranked.append((gain, _suggestion(campaign, ranges, visit, helped)))
+    return [s for _, s in sorted(ranked, key=lambda f: f[0])[:MOST_SUGGESTIONS]]
 
 
 def _different(limits: _DetectionLimits, keys: Sequence[str]) -> list[str]:
     """Keep the first of each kind on the same components."""
     first: dict[tuple[str, tuple[str, ...]], str] = {}
     for key in keys:
-        own = limits.hypotheses[key]
-        first.setdefault((own.kind, own.components), key)
+        hypothesis = limits.hypotheses[key]
+        first.setdefault((hypothesis.kind, hypothesis.components), key)
     return list(first.values())
 
 
@@ -339,12 +341,12 @@ def _suggestion(
     added: AddedVisit,
     helped: Sequence[ImprovedEffect],
 ) -> Suggestion:
-    one = helped[0]
-    driven = list_names((*one.sensors, *one.states), 2)
-    by = f" by {driven}" if one.sensors or one.states else ""
+    best = helped[0]
+    driven = list_names((*best.sensors, *best.states), 2)
+    by = f" by {driven}" if best.sensors or best.states else ""
     decides = (
-        f"lowers the smallest {one.kind} of {list_names(one.components, 3)}{by} that can be seen "
-        f"from {one.before_rms:.2g} to {one.after_rms:.2g} {one.unit}"
+        f"lowers the smallest {best.kind} of {list_names(best.components, 3)}{by} that can be seen "
+        f"from {best.before_rms:.2g} to {best.after_rms:.2g} {best.unit}"
     )
     state = state_at(campaign, ranges, added.time_s, added.leading)
     names = list(dict.fromkeys(o.component or "points" for o in added.visit.observations))
@@ -355,10 +357,10 @@ def _suggestion(
 def _best_forms(effects: Sequence[PlannedEffect]) -> list[PlannedEffect]:
     """Of the forms that one kind has with the same drivers keep the one that is seen best."""
     best: dict[tuple[object, ...], PlannedEffect] = {}
-    for one in effects:
-        key = (one.kind, one.components, one.sensors, one.states)
-        if key not in best or one.smallest_rms < best[key].smallest_rms:
-            best[key] = one
+    for effect in effects:
+        key = (effect.kind, effect.components, effect.sensors, effect.states)
+        if key not in best or effect.smallest_rms < best[key].smallest_rms:
+            best[key] = effect
     return list(best.values())
 
 
@@ -369,19 +371,19 @@ def _distinguishability(effect: PlannedEffect) -> float:
 
 def _not_testable(library: Repertoire, seen: Mapping[str, Detectable]) -> tuple[NotTested, ...]:
     """List what the plan cannot show: what the kinds say, and what it does not excite."""
-    unseen = [own for key, own in library.hypotheses.items() if key not in seen]
+    unseen = [hypothesis for key, hypothesis in library.hypotheses.items() if key not in seen]
     return by_reason(
         [
             *library.not_testable,
-            *(NotTested(own.kind, _subject(own), NOT_SEEN) for own in unseen),
+            *(NotTested(hypothesis.kind, _subject(hypothesis), NOT_SEEN) for hypothesis in unseen),
         ]
     )
 
 
-def _subject(own: Hypothesis) -> str:
+def _subject(hypothesis: Hypothesis) -> str:
     """Name the components of an effect, and the only map that it is about."""
-    label = kind_of(own.kind).which_map(own.variant)
-    return list_names(own.components, 3) + (f" of map {label!r}" if label else "")
+    label = kind_of(hypothesis.kind).which_map(hypothesis.variant)
+    return list_names(hypothesis.components, 3) + (f" of map {label!r}" if label else "")
 
 
 def _summary(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from app.api.files.csv_comments import (
-    Stated,
+    Header,
     complain_of_missing,
     read_comments,
     with_stated,
@@ -61,14 +61,14 @@ def read_csv_measurement(
     text: str,
     *,
     name: str = "measurement.csv",
-    stated: Stated | None = None,
+    header: Header | None = None,
     complete: bool = False,
 ) -> CsvMeasurement:
     r"""Read a measurement, and say what of the file was not read.
 
     Parameters
     ----------
-    stated
+    header
         What takes precedence over the file's own comment lines.
     complete
         Whether label, time and temperatures are needed, as for storing a map.
@@ -96,7 +96,7 @@ def read_csv_measurement(
     remarks: list[str] = []
     comments = read_comments(
         table,
-        stated or Stated(),
+        header or Header(),
         remarks,
         wanted.statements,
         complete=complete,
@@ -110,7 +110,7 @@ def read_csv_measurement(
 
 
 def completed(
-    found: CsvMeasurement, method: str, file: Path, stated: Stated, *, complete: bool
+    found: CsvMeasurement, method: str, file: Path, stated: Header, *, complete: bool
 ) -> CsvMeasurement:
     """Put what is stated into a measurement that no table of ours holds.
 

@@ -54,10 +54,10 @@ def word_among(what: str, *words: str) -> Callable[[str], str]:
     """Make a reader of one of some words, in any case of letters."""
 
     def read(text: str) -> str:
-        found = [word for word in words if word.lower() == text.lower()]
-        if not found:
+        matching = [word for word in words if word.lower() == text.lower()]
+        if not matching:
             raise InvalidContent(f"expected {what} among {list_names(words)}, got {text!r}")
-        return found[0]
+        return matching[0]
 
     return read
 
@@ -154,10 +154,10 @@ def read_runs(columns: Columns, position: str, names: Sequence[str], rows: Seque
         read = [name for name in names if columns.word(row, name)]
         for name in read:
             runs.add(row, at, name, columns.number(row, name), run)
-        asked = [name for name in names if name in columns]
-        if asked and not read:
+        requested = [name for name in names if name in columns]
+        if requested and not read:
             columns.text.problems.add(
-                f"expected a reading of {list_names(asked)}, got none", row.line
+                f"expected a reading of {list_names(requested)}, got none", row.line
             )
     return runs
 

@@ -105,7 +105,7 @@ def _in_order_of_steps(columns: Columns, name: str, rows: list[Row]) -> list[Row
     numbered = [(n, row) for row in rows if (n := columns.needed(row, "step")) is not None]
     if len(numbered) < len(rows):
         return rows
-    ordered = sorted(numbered, key=lambda one: one[0])
+    ordered = sorted(numbered, key=lambda pair: pair[0])
     for expected, (step, row) in enumerate(ordered, start=1):
         if step != expected:
             columns.complain(row, "step", f"expected step {expected} of {name} next, got {step:g}")
@@ -144,7 +144,7 @@ def _read_body_diagonal(
 
 def _with_volume(statements: Mapping[str, Any]) -> Body:
     """Put the ranges of the axes into one field."""
-    ranges = {one.thing.full: one.thing.field[-1] for one in _RANGES}
+    ranges = {range_.thing.full: range_.thing.field[-1] for range_ in _RANGES}
     volume = {
         axis: dict(zip(("min_mm", "max_mm"), statements[name], strict=True))
         for name, axis in ranges.items()
@@ -155,16 +155,16 @@ def _with_volume(statements: Mapping[str, Any]) -> Body:
 
 
 def _rows_by_diagonal(columns: Columns) -> dict[str, list[Row]]:
-    found: dict[str, list[Row]] = {}
+    by_diagonal: dict[str, list[Row]] = {}
     for row in columns.text.rows:
         name = columns.word(row, "diagonal").lower()
         if name in DIAGONALS:
-            found.setdefault(name, []).append(row)
+            by_diagonal.setdefault(name, []).append(row)
         else:
             columns.complain(
                 row, "diagonal", f"expected a diagonal among {list_names(DIAGONALS)}, got {name!r}"
             )
-    return found
+    return by_diagonal
 
 
 STEP_DIAGONAL: Final = Format(
@@ -262,13 +262,13 @@ def _read_six_dof(text: DelimitedText, statements: Mapping[str, Any], remarks: l
         )
     positions, readings = read_runs(columns, "position", names, text.rows).in_order()
     body: Body = {**statements, "positions_mm": positions}
-    for one in errors:
-        if one.column.field in readings:
-            runs = flat_if_one(readings[one.column.field])
-            if one.letter:
-                body.setdefault(one.field, {})[one.letter] = runs
+    for error_column in errors:
+        if error_column.column.field in readings:
+            runs = flat_if_one(readings[error_column.column.field])
+            if error_column.letter:
+                body.setdefault(error_column.field, {})[error_column.letter] = runs
             else:
-                body[one.field] = runs
+                body[error_column.field] = runs
     return body
 
 
@@ -336,7 +336,7 @@ def _read_rotary_axis(
     points = [
         {
             "angle_deg": columns.needed(row, "angle"),
-            "position_mm": [columns.needed(row, one.field) for one in _PLACE],
+            "position_mm": [columns.needed(row, place.field) for place in _PLACE],
         }
         for row in text.rows
     ]
@@ -349,8 +349,8 @@ def _read_drilled_plate(
     columns = find_columns(text, [*_NOMINAL, *_MEASURED_HOLES], [], remarks)
     holes = [
         {
-            "nominal_mm": [columns.needed(row, one.field) for one in _NOMINAL],
-            "measured_mm": [columns.needed(row, one.field) for one in _MEASURED_HOLES],
+            "nominal_mm": [columns.needed(row, column.field) for column in _NOMINAL],
+            "measured_mm": [columns.needed(row, column.field) for column in _MEASURED_HOLES],
         }
         for row in text.rows
     ]

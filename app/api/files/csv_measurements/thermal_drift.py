@@ -44,10 +44,10 @@ def _moment(text: str) -> str:
 
 def _minutes(text: str) -> list[float]:
     numbers = [read_number(part) for part in re.split(r"\s*;\s*|,\s+|\s+|,", text)]
-    found = [number for number in numbers if number is not None]
-    if not found or len(found) < len(numbers):
+    finite = [number for number in numbers if number is not None]
+    if not finite or len(finite) < len(numbers):
         raise InvalidContent(f"expected minutes such as 0, 60, 240, got {text!r}")
-    return found
+    return finite
 
 
 def _components(text: str) -> dict[str, str]:
@@ -62,8 +62,8 @@ def _read_thermal_drift(
 ) -> Body:
     states = names_after(text, "state")
     sensors = _sensors(text)
-    known = {*states, *sensors}
-    others = ["" if i in known else heading for i, heading in enumerate(text.headings)]
+    taken = {*states, *sensors}
+    others = ["" if i in taken else heading for i, heading in enumerate(text.headings)]
     columns = find_columns(
         replace(text, headings=others), [_TIME], [_POSITION, *_DISPLACEMENTS], remarks
     )
@@ -71,24 +71,24 @@ def _read_thermal_drift(
     readings = []
     for row in text.rows:
         columns.moment(row, "time")  # the service reads it itself; what is wrong is noted here
-        one: Body = {"time": columns.word(row, "time")}
+        reading: Body = {"time": columns.word(row, "time")}
         for thing in (_POSITION, *_DISPLACEMENTS):
             if thing.field in columns:
-                one[thing.full] = columns.needed(row, thing.field)
+                reading[thing.full] = columns.needed(row, thing.field)
         for field, names, unit in (
             ("temperatures_c", sensors, "°C"),
             ("state", states, "counts"),
         ):
             values = {name: text.number(row, i, unit) for i, name in names.items()}
-            stated = {name: value for name, value in values.items() if value is not None}
-            one |= {field: stated} if stated else {}
-        readings.append(one)
+            present = {name: value for name, value in values.items() if value is not None}
+            reading |= {field: present} if present else {}
+        readings.append(reading)
     return {**statements, "readings": readings}
 
 
 def _sensors(text: DelimitedText) -> dict[int, str]:
     """Find the columns `temperature SENSOR`, in °C whether they say so or not."""
-    found = {}
+    sensors = {}
     for i, heading in names_after(text, "temperature").items():
         name, unit = _name_and_unit(heading)
         if unit.strip("° ").upper() != "C":
@@ -98,8 +98,8 @@ def _sensors(text: DelimitedText) -> dict[int, str]:
                 text.place(i),
             )
         else:
-            found[i] = name
-    return found
+            sensors[i] = name
+    return sensors
 
 
 def _name_and_unit(heading: str) -> tuple[str, str]:
@@ -112,8 +112,8 @@ def _name_and_unit(heading: str) -> tuple[str, str]:
         begin = heading.rfind(mark)
         unit = _UNIT.fullmatch(heading, begin) if begin > 0 else None
         if unit:
-            stated = unit[1] or unit[2] or "C"
-            return heading[:begin].rstrip(), stated
+            unit_text = unit[1] or unit[2] or "C"
+            return heading[:begin].rstrip(), unit_text
     return heading, "C"
 
 

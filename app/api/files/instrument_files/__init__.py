@@ -65,5 +65,5 @@ def instrument_format(file: Path) -> InstrumentFormat | None:
 
 def format_of_text(file: Path, text: str) -> InstrumentFormat | None:
     """Tell a text's format by its file's name, or else by how it begins."""
-    known = FORMATS.get(file.suffix.lower())
-    return known or next((one for one in FORMATS.values() if one.begins(text)), None)
+    by_suffix = FORMATS.get(file.suffix.lower())
+    return by_suffix or next((one for one in FORMATS.values() if one.begins(text)), None)

@@ -44,7 +44,7 @@ _READ: Final = (*_NEEDED, "USER-TEXT")
 _BOTH_WAYS: Final = ("0", "0", "2", "0")
 _ONE_WAY: Final = ("0", "1", "2", "0")
 
-_SHOWN: Final = 60
+_LONGEST_CUT: Final = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class _File:
     @staticmethod
     def cut(text: str) -> str:
         """Shorten what is repeated of a file."""
-        return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
+        return text if len(text) <= _LONGEST_CUT else text[: _LONGEST_CUT - 1] + "…"
 
     def stop_if_wrong(self) -> None:
         """Raise UnreadableFile with everything that was noted."""
@@ -79,26 +79,26 @@ class _File:
 
     def entry(self, section: str, name: str) -> _Line | None:
         """Find `name: value` in a section, spelled in any way; the value with its line."""
-        found = None
+        entry = None
         for line in self.sections.get(section, []):
-            stated, colon, value = line.text.partition(":")
-            if colon and _plain(stated) == _plain(name):
-                if found is not None and found.text != value.strip():
+            key, colon, value = line.text.partition(":")
+            if colon and _plain(key) == _plain(name):
+                if entry is not None and entry.text != value.strip():
                     self.refuse(f"{name}: once in {section}::", line.text, line.number)
-                found = _Line(line.number, value.strip())
-        return found
+                entry = _Line(line.number, value.strip())
+        return entry
 
     def count(self, section: str, name: str) -> int:
         """Read a number of things; 0 and a note where there is none."""
-        stated = self.entry(section, name)
+        entry = self.entry(section, name)
         line = self.begins.get(section)
-        if stated is None:
+        if entry is None:
             self.problems.add(f"expected {name} in {section}::, got none", line)
             return 0
-        if not _COUNT.fullmatch(stated.text) or int(stated.text) == 0:
-            self.refuse(f"{name} as a number from 1", stated.text, stated.number)
+        if not _COUNT.fullmatch(entry.text) or int(entry.text) == 0:
+            self.refuse(f"{name} as a number from 1", entry.text, entry.number)
             return 0
-        return int(stated.text)
+        return int(entry.text)
 
     def number(self, text: str, line: int, what: str) -> float:
         """Read a decimal number with a point or a comma; nan and a note where it is none."""
@@ -130,19 +130,19 @@ def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeas
     UnreadableFile
         With the line of everything that is wrong, what was expected and what came.
     """
-    found = _sections_of(text, file)
-    _check_kind(found)
-    found.stop_if_wrong()
-    targets = _targets(found)
-    both_ways = _goes_both_ways(found)
-    runs = _runs(found, len(targets), both_ways)
-    letter = _axis(found, axis)
-    _check_marks(found)
-    found.stop_if_wrong()
-    remarks = list(_remarks(found, targets, runs))
-    ways = _ways(found, targets, runs, both_ways, remarks)
-    found.stop_if_wrong()
-    title = found.entry("USER-TEXT", "TITLE")
+    rtl_file = _sections_of(text, file)
+    _check_kind(rtl_file)
+    rtl_file.stop_if_wrong()
+    targets = _targets(rtl_file)
+    both_ways = _goes_both_ways(rtl_file)
+    runs = _runs(rtl_file, len(targets), both_ways)
+    letter = _axis(rtl_file, axis)
+    _check_marks(rtl_file)
+    rtl_file.stop_if_wrong()
+    remarks = list(_remarks(rtl_file, targets, runs))
+    ways = _ways(rtl_file, targets, runs, both_ways, remarks)
+    rtl_file.stop_if_wrong()
+    title = rtl_file.entry("USER-TEXT", "TITLE")
     body: dict[str, Any] = {}
     if title and UNREADABLE in title.text:
         remarks.append(
@@ -160,37 +160,37 @@ def _plain(name: str) -> str:
 
 def _sections_of(text: str, file: Path) -> _File:
     """Part a file at its section heads."""
-    found = _File(Problems(file), {}, {})
+    rtl_file = _File(Problems(file), {}, {})
     name = ""
     for number, written in enumerate(split_lines(text), start=1):
         if len(written) > LONGEST_LINE:
-            found.refuse(f"at most {LONGEST_LINE} characters", written, number)
+            rtl_file.refuse(f"at most {LONGEST_LINE} characters", written, number)
             break
         line = written.strip()
         head = _SECTION.fullmatch(line)
         if head:
             name = " ".join(head[1].upper().split())
-            if name in found.sections:
-                found.problems.add(f"expected {name}:: once, came again", number)
-            found.begins.setdefault(name, number)
-            found.sections.setdefault(name, [])
+            if name in rtl_file.sections:
+                rtl_file.problems.add(f"expected {name}:: once, came again", number)
+            rtl_file.begins.setdefault(name, number)
+            rtl_file.sections.setdefault(name, [])
         elif line and name in ("", "EOF"):
             where = "after EOF::" if name else "before HEADER::, with which Renishaw's .rtl begins"
-            found.refuse(f"nothing {where}", line, number)
+            rtl_file.refuse(f"nothing {where}", line, number)
             break
         elif line:
-            found.sections[name].append(_Line(number, line))
-    return found
+            rtl_file.sections[name].append(_Line(number, line))
+    return rtl_file
 
 
-def _check_kind(found: _File) -> None:
+def _check_kind(rtl_file: _File) -> None:
     """Say of a file of another kind what it is."""
-    if found.problems.number:
+    if rtl_file.problems.number:
         return
-    missing = [name for name in _NEEDED if name not in found.sections]
+    missing = [name for name in _NEEDED if name not in rtl_file.sections]
     if missing:
         cut = " (is the file cut off?)" if "EOF" in missing else ""
-        found.problems.add(
+        rtl_file.problems.add(
             f"expected the sections {list_names(f'{n}::' for n in _NEEDED)}, got no "
             f"{list_names(f'{n}::' for n in missing)}{cut}"
         )
@@ -200,40 +200,40 @@ def _check_kind(found: _File) -> None:
         ("HEADER", "Owner", "Linear", "another kind of measurement"),
         ("TARGET DATA", "Filetype", "ISO", "another order of targets"),
     ):
-        stated = found.entry(section, name)
-        if stated is None:
-            found.problems.add(
-                f"expected {name}: {wanted} in {section}::, got none", found.begins[section]
+        entry = rtl_file.entry(section, name)
+        if entry is None:
+            rtl_file.problems.add(
+                f"expected {name}: {wanted} in {section}::, got none", rtl_file.begins[section]
             )
-        elif stated.text.lower() != wanted.lower():
-            found.refuse(
-                f"{name}: {wanted} (of {others} nothing is read)", stated.text, stated.number
+        elif entry.text.lower() != wanted.lower():
+            rtl_file.refuse(
+                f"{name}: {wanted} (of {others} nothing is read)", entry.text, entry.number
             )
 
 
-def _targets(found: _File) -> list[float]:
+def _targets(rtl_file: _File) -> list[float]:
     """Read the target positions [mm], as they are ordered."""
-    wanted = found.count("TARGET DATA", "Target-count")
-    lines = found.sections["TARGET DATA"]
+    wanted = rtl_file.count("TARGET DATA", "Target-count")
+    lines = rtl_file.sections["TARGET DATA"]
     at = next((i for i, line in enumerate(lines) if _plain(line.text).startswith("targets:")), None)
     if at is None:
-        found.problems.add("expected Targets: in TARGET DATA::, got none")
+        rtl_file.problems.add("expected Targets: in TARGET DATA::, got none")
         return []
     first = _Line(lines[at].number, lines[at].text.partition(":")[2])
     rest = itertools.takewhile(lambda line: ":" not in line.text, lines[at + 1 :])
     targets = [
-        found.number(word, line.number, "a target position in mm")
+        rtl_file.number(word, line.number, "a target position in mm")
         for line in (first, *rest)
         for word in line.text.split()
     ]
     if len(targets) != wanted:
-        found.problems.add(
+        rtl_file.problems.add(
             f"expected {counted(wanted, 'target')} as Target-count says, got {len(targets)}",
             first.number,
         )
     gaps = {after > before for before, after in itertools.pairwise(targets)}
     if len(targets) < 2 or len(gaps) > 1 or len(set(targets)) < len(targets):
-        found.refuse(
+        rtl_file.refuse(
             "at least two targets that only increase, or only decrease",
             list_names(f"{mm:g}" for mm in targets),
             first.number,
@@ -241,37 +241,37 @@ def _targets(found: _File) -> list[float]:
     return targets
 
 
-def _goes_both_ways(found: _File) -> bool:
-    flags = found.entry("TARGET DATA", "Flags")
+def _goes_both_ways(rtl_file: _File) -> bool:
+    flags = rtl_file.entry("TARGET DATA", "Flags")
     words = tuple(flags.text.split()) if flags else ()
     if words not in (_BOTH_WAYS, _ONE_WAY):
-        found.refuse(
+        rtl_file.refuse(
             f"Flags: {' '.join(_BOTH_WAYS)} (both directions) or {' '.join(_ONE_WAY)} (one)",
             " ".join(words),
-            flags.number if flags else found.begins["TARGET DATA"],
+            flags.number if flags else rtl_file.begins["TARGET DATA"],
         )
     return words == _BOTH_WAYS
 
 
-def _runs(found: _File, targets: int, both_ways: bool) -> list[list[float]]:
+def _runs(rtl_file: _File, targets: int, both_ways: bool) -> list[list[float]]:
     """Read the runs' deviations [µm] in the order of the targets."""
-    wanted = found.count("RUNS", "Run-count")
+    wanted = rtl_file.count("RUNS", "Run-count")
     if both_ways and wanted % 2:
-        found.problems.add(
+        rtl_file.problems.add(
             f"expected an even Run-count in a file of both directions, got {wanted}",
-            found.begins["RUNS"],
+            rtl_file.begins["RUNS"],
         )
     if not wanted or not targets:  # said already; without them every line would be refused too
         return []
-    values = dict(_values(found, wanted, targets))
+    values = dict(_values(rtl_file, wanted, targets))
     places = itertools.product(range(1, wanted + 1), range(1, targets + 1))
     missing = next((place for place in places if place not in values), None)
     if missing:
         run, target = missing
-        found.problems.add(
+        rtl_file.problems.add(
             f"expected a value for each of {counted(wanted, 'run')} and "
             f"{counted(targets, 'target')}, got {len(values)}: none of run {run}, target {target}",
-            found.begins["DEVIATIONS"],
+            rtl_file.begins["DEVIATIONS"],
         )
         return []
     return [
@@ -279,48 +279,48 @@ def _runs(found: _File, targets: int, both_ways: bool) -> list[list[float]]:
     ]
 
 
-def _values(found: _File, runs: int, targets: int) -> Iterator[tuple[tuple[int, int], float]]:
+def _values(rtl_file: _File, runs: int, targets: int) -> Iterator[tuple[tuple[int, int], float]]:
     """Read the lines of run, target and deviation."""
-    lines = found.sections["DEVIATIONS"]
+    lines = rtl_file.sections["DEVIATIONS"]
     if not lines or _plain(lines[0].text) != "runtargetdata:":
-        found.refuse(
+        rtl_file.refuse(
             "Run Target Data: at the beginning of DEVIATIONS::",
             lines[0].text if lines else "",
-            lines[0].number if lines else found.begins["DEVIATIONS"],
+            lines[0].number if lines else rtl_file.begins["DEVIATIONS"],
         )
         return
     met: set[tuple[int, int]] = set()
     for line in lines[1:]:
         words = line.text.split()
         if len(words) != 3 or not all(_COUNT.fullmatch(word) for word in words[:2]):
-            found.refuse("run, target and deviation in µm", line.text, line.number)
+            rtl_file.refuse("run, target and deviation in µm", line.text, line.number)
             continue
         place = int(words[0]), int(words[1])
         if not (1 <= place[0] <= runs and 1 <= place[1] <= targets) or place in met:
             again = ", each once" if place in met else ""
-            found.refuse(
+            rtl_file.refuse(
                 f"a run from 1 to {runs} and a target from 1 to {targets}{again}",
                 line.text,
                 line.number,
             )
             continue
         met.add(place)
-        yield place, found.number(words[2], line.number, "a deviation in µm")
+        yield place, rtl_file.number(words[2], line.number, "a deviation in µm")
 
 
-def _axis(found: _File, stated: str | None) -> str:
+def _axis(rtl_file: _File, axis: str | None) -> str:
     """Read the axis off free text that names exactly one."""
-    if stated is not None:
-        if stated.lower() in tuple(LINEAR_LETTERS):
-            return stated.lower()
-        found.problems.lack("axis", f"expected axis x, y or z, got {stated!r}")
+    if axis is not None:
+        if axis.lower() in tuple(LINEAR_LETTERS):
+            return axis.lower()
+        rtl_file.problems.lack("axis", f"expected axis x, y or z, got {axis!r}")
         return ""
-    entry = found.entry("USER-TEXT", "Axis")
+    entry = rtl_file.entry("USER-TEXT", "Axis")
     named = [str(letter).lower() for letter in _AXIS.findall(entry.text)] if entry else []
     if len(set(named)) == 1:
         return named[0]
-    got = repr(found.cut(entry.text)) if entry and entry.text else "none"
-    found.problems.lack(
+    got = repr(rtl_file.cut(entry.text)) if entry and entry.text else "none"
+    rtl_file.problems.lack(
         "axis",
         f"expected Axis: x, y or z, got {got}",
         ": state it with --axis",
@@ -329,17 +329,17 @@ def _axis(found: _File, stated: str | None) -> str:
     return ""
 
 
-def _check_marks(found: _File) -> None:
+def _check_marks(rtl_file: _File) -> None:
     """Refuse points and commas in one file: one of them would part thousands."""
-    if len(found.marks) > 1:
-        found.problems.add(
+    if len(rtl_file.marks) > 1:
+        rtl_file.problems.add(
             "expected decimal points or decimal commas, got both: a comma in line "
-            f"{found.marks[',']} and a point in line {found.marks['.']}"
+            f"{rtl_file.marks[',']} and a point in line {rtl_file.marks['.']}"
         )
 
 
 def _ways(
-    found: _File,
+    rtl_file: _File,
     targets: Sequence[float],
     runs: Sequence[Sequence[float]],
     both_ways: bool,
@@ -355,7 +355,7 @@ def _ways(
         forward, backward = (even, odd) if falls else (odd, even)
         return {"forward_um": list(forward), "backward_um": list(backward)}
     if falls:
-        found.problems.add(
+        rtl_file.problems.add(
             "expected targets that increase in a file of one direction (positioning needs runs in "
             f"the positive one), got {targets[0]:g} to {targets[-1]:g} mm"
         )
@@ -369,20 +369,20 @@ def _ways(
 
 
 def _remarks(
-    found: _File, targets: Sequence[float], runs: Sequence[Sequence[float]]
+    rtl_file: _File, targets: Sequence[float], runs: Sequence[Sequence[float]]
 ) -> Iterator[str]:
     """Say how surely it is read, what the file says beside it, and what is not read."""
     yield (
         "read as public programs write .rtl, not from Renishaw's own description: compare the "
         f"first value, {runs[0][0]:g} µm at {targets[0]:g} mm, with the instrument's own screen"
     )
-    said = [
+    facts = [
         f"{name} {entry.text!r}"
         for name in ("Machine", "Serial No", "Date", "Axis")
-        if (entry := found.entry("USER-TEXT", name)) and entry.text
+        if (entry := rtl_file.entry("USER-TEXT", name)) and entry.text
     ]
-    if said:
-        yield f"the file says {', '.join(said)}; its time has no zone and is not read"
-    others = [f"{name}::" for name in found.sections if name not in _READ]
+    if facts:
+        yield f"the file says {', '.join(facts)}; its time has no zone and is not read"
+    others = [f"{name}::" for name in rtl_file.sections if name not in _READ]
     if others:
         yield f"not read: {list_names(others)}"

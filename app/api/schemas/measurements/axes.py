@@ -65,28 +65,28 @@ class PositioningAnswer(MeasurementAnswer):
     targets: list[TargetAnswer] = Field(description="The values at each target position")
 
     @classmethod
-    def targets_of(cls, found: Positioning) -> list[TargetAnswer]:
+    def targets_of(cls, positioning: Positioning) -> list[TargetAnswer]:
         """Show the values at each target."""
-        forward, backward = found.forward, found.backward
+        forward, backward = positioning.forward, positioning.backward
         columns = {
-            "target_mm": found.targets_mm,
+            "target_mm": positioning.targets_mm,
             "mean_forward_um": forward.mean,
             "mean_backward_um": None if backward is None else backward.mean,
-            "mean_um": found.mean_um,
-            "reversal_um": found.reversal_um,
+            "mean_um": positioning.mean_um,
+            "reversal_um": positioning.reversal_um,
             "standard_deviation_forward_um": forward.standard_deviation,
             "standard_deviation_backward_um": (
                 None if backward is None else backward.standard_deviation
             ),
             "repeatability_forward_um": forward.repeatability,
             "repeatability_backward_um": None if backward is None else backward.repeatability,
-            "repeatability_um": found.bidirectional_repeatability_um,
+            "repeatability_um": positioning.bidirectional_repeatability_um,
         }
         return [
             TargetAnswer.model_validate(
                 {name: None if values is None else values[i] for name, values in columns.items()}
             )
-            for i in range(found.targets_mm.size)
+            for i in range(positioning.targets_mm.size)
         ]
 
 

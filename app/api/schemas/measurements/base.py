@@ -27,8 +27,8 @@ Readings = Annotated[list[Number], Field(min_length=1, max_length=MOST_POSITIONS
 MeasuredPositions = Annotated[list[Millimetres], Field(min_length=1, max_length=MOST_POSITIONS)]
 
 
-def _one_or_more(stated: object) -> str:
-    several = isinstance(stated, list) and stated and isinstance(stated[0], list)
+def _one_or_more(value: object) -> str:
+    several = isinstance(value, list) and value and isinstance(value[0], list)
     return way_of("more") if several else way_of("one")
 
 
@@ -103,7 +103,7 @@ class MeasurementAnswer(ModelChange):
 def answer_fields(measured: Measured) -> dict[str, Any]:
     """Write the fields of `MeasurementAnswer`."""
     result, stored, preview = measured.result, measured.stored, measured.preview
-    found = {
+    fields = {
         "machine": measured.machine.id,
         "method": measured.method,
         "stored": stored is not None,
@@ -114,8 +114,8 @@ def answer_fields(measured: Measured) -> dict[str, Any]:
         "measuring_lines_mm": {a: shown_line(line) for a, line in result.measuring_lines.items()},
     }
     if stored is not None:
-        found |= change_fields(measured.machine.id, stored.made)
+        fields |= change_fields(measured.machine.id, stored.made)
     if preview is not None:
-        found |= difference_fields(preview.difference)
-        found |= {"activated": preview.activates, "preview": PreviewAnswer.of(preview)}
-    return found
+        fields |= difference_fields(preview.difference)
+        fields |= {"activated": preview.activates, "preview": PreviewAnswer.of(preview)}
+    return fields

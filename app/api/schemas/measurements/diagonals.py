@@ -69,14 +69,14 @@ class StepDiagonalRequest(MeasurementRequest):
 
     def known_angular(self) -> dict[str, Table]:
         """Give the known angular errors; InvalidContent names the one that is wrong."""
-        found = {}
-        for i, stated in enumerate(self.angular):
+        tables = {}
+        for i, row in enumerate(self.angular):
             try:
-                table = stated.to_table()
+                table = row.to_table()
             except InvalidContent as error:
                 raise error.inside(f"angular.{i}") from None
-            found[table.component.code] = Table(table.positions_mm, table.errors)
-        return found
+            tables[table.component.code] = Table(table.positions_mm, table.errors)
+        return tables
 
 
 class StepDiagonalAnswer(MeasurementAnswer):
@@ -101,11 +101,13 @@ class DiagonalRunsSchema(Schema):
 
     def readings(self) -> dict[str, list[float] | list[list[float]]]:
         """Give the readings by name."""
-        found: dict[str, list[float] | list[list[float]]] = {
+        readings: dict[str, list[float] | list[list[float]]] = {
             "positions_mm": self.positions_mm,
             "forward_um": self.forward_um,
         }
-        return found if self.backward_um is None else found | {"backward_um": self.backward_um}
+        return (
+            readings if self.backward_um is None else readings | {"backward_um": self.backward_um}
+        )
 
 
 class BodyDiagonalRequest(MeasurementRequest):

@@ -134,7 +134,7 @@ class ThermalDriftRequest(MeasurementRequest):
 
     def displacements_um(self) -> dict[str, list[float]]:
         """Give each sensor's readings; InvalidContent where one of them lacks some."""
-        found: dict[str, list[float]] = {}
+        by_sensor: dict[str, list[float]] = {}
         for sensor in SENSORS:
             values = [getattr(reading, f"{sensor}_um") for reading in self.readings]
             lacking = [i for i, value in enumerate(values) if value is None]
@@ -144,8 +144,8 @@ class ThermalDriftRequest(MeasurementRequest):
                     f"expected {sensor}_um in µm of every reading or of none, got none here",
                 )
             if not lacking:
-                found[sensor] = values
-        return found
+                by_sensor[sensor] = values
+        return by_sensor
 
     def positions_mm(self) -> list[float] | None:
         """Give where the moving axis stood; None where no reading says it."""
@@ -187,15 +187,15 @@ class DriftStateAnswer(Schema):
     map_id: int | None = Field(description="The number of the map that was made of it")
 
     @classmethod
-    def of(cls, kept: KeptState) -> Self:
+    def of(cls, state: KeptState) -> Self:
         """Show a state."""
         return cls(
-            label=kept.label,
-            after_min=kept.after_s / SECONDS_PER_MIN,
-            time=kept.time,
-            temperatures_c=dict(kept.temperatures_c),
-            components=[ComponentAnswer.computed(table) for table in kept.tables],
-            map_id=kept.map_id,
+            label=state.label,
+            after_min=state.after_s / SECONDS_PER_MIN,
+            time=state.time,
+            temperatures_c=dict(state.temperatures_c),
+            components=[ComponentAnswer.computed(table) for table in state.tables],
+            map_id=state.map_id,
         )
 
 
@@ -211,14 +211,14 @@ class DriftVerificationAnswer(Schema):
     stored_readings: int = Field(description="Readings of temperatures that are new")
 
     @classmethod
-    def of(cls, kept: KeptVerification) -> Self:
+    def of(cls, verification: KeptVerification) -> Self:
         """Show what was stored."""
         return cls(
-            id=kept.stored.id,
-            observations=kept.stored.observations,
-            components=list(kept.stored.components),
-            is_new=kept.is_new,
-            stored_readings=kept.new_readings,
+            id=verification.stored.id,
+            observations=verification.stored.observations,
+            components=list(verification.stored.components),
+            is_new=verification.is_new,
+            stored_readings=verification.new_readings,
         )
 
 

@@ -72,17 +72,17 @@ class ComparisonAnswer(Schema):
     confidence_95: list[Digits] | None = Field(description="Its 95 % confidence interval")
 
     @classmethod
-    def of(cls, found: Comparison, predicted_um: list[float], model_version: int) -> Self:
+    def of(cls, comparison: Comparison, predicted_um: list[float], model_version: int) -> Self:
         """Show a comparison."""
         return cls(
             predicted_um=predicted_um,
             model_version=model_version,
-            bias_um=found.bias_um,
-            slope_difference_um_per_m=found.slope_difference_um_per_m,
-            rms_difference_um=found.rms_difference_um,
-            rms_without_line_um=found.rms_without_line_um,
-            r=found.correlation,
-            confidence_95=None if found.interval is None else list(found.interval),
+            bias_um=comparison.bias_um,
+            slope_difference_um_per_m=comparison.slope_difference_um_per_m,
+            rms_difference_um=comparison.rms_difference_um,
+            rms_without_line_um=comparison.rms_without_line_um,
+            r=comparison.correlation,
+            confidence_95=None if comparison.interval is None else list(comparison.interval),
         )
 
 

@@ -85,15 +85,15 @@ class SimulatedStepDiagonal(AnswerHead):
     )
 
     @classmethod
-    def of(cls, body: StepDiagonalSimulation, found: SimulatedReadings) -> Self:
+    def of(cls, body: StepDiagonalSimulation, simulated: SimulatedReadings) -> Self:
         """Show what would be read."""
-        fields: dict[str, Any] = head_of(found.answer, found.warnings)
+        fields: dict[str, Any] = head_of(simulated.answer, simulated.warnings)
         return cls(
             **fields,
-            origin_mm=list(found.origin_mm),
-            step_mm=list(found.step_mm),
+            origin_mm=list(simulated.origin_mm),
+            step_mm=list(simulated.step_mm),
             tool_offset_mm=list(body.tool_offset_mm),
             target=body.target,
-            temperatures_c=dict(found.answer.temperatures_c[0]),
-            diagonals={name: rows.tolist() for name, rows in found.diagonals.items()},
+            temperatures_c=dict(simulated.answer.temperatures_c[0]),
+            diagonals={name: rows.tolist() for name, rows in simulated.diagonals.items()},
         )
