@@ -40,6 +40,9 @@ STEADY = 400
 
 TRIES = 3
 
+STANDSTILL_S = 120.0
+"""A program that neither moves nor gets to another line for so long is given up."""
+
 stat, command, errors = linuxcnc.stat(), linuxcnc.command(), linuxcnc.error_channel()
 
 
@@ -144,7 +147,12 @@ def run_once(text, recorder):
     command.auto(linuxcnc.AUTO_RUN, 0)
     wait("start", lambda: stat.interp_state != linuxcnc.INTERP_IDLE)
     stops, said = [], []
+    place, since = None, time.monotonic()
     while stat.interp_state != linuxcnc.INTERP_IDLE:
+        if place != (place := (stat.motion_line, stat.position)):
+            since = time.monotonic()
+        elif time.monotonic() - since > STANDSTILL_S:
+            sys.exit("the program stands still at line %d" % stat.motion_line)
         if stat.interp_state == linuxcnc.INTERP_PAUSED:
             stops.append([commanded for commanded, _ in recorder.settled()])
             command.auto(linuxcnc.AUTO_RESUME)
