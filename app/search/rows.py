@@ -87,7 +87,7 @@ class Rows:
     @cached_property
     def block(self) -> IntArray:
         """Number of each row's block: rows of one visit at about one time; shape (n,)."""
-        return blocks_in_time(self.visit, self.minutes)
+        return blocks_in_time(self.visit, self.minutes, self.channel)
 
     def __post_init__(self) -> None:
         n = len(self.values)

@@ -66,7 +66,7 @@ parameter votes for that parameter.
 """
 
 LONG_MIN: Final = 90.0
-"""A shorter set-up is one block: temperatures hardly move in it."""
+"""A shorter set-up is one block, where others measure the same: temperatures hardly move in it."""
 
 SHORTEST_BLOCK_MIN: Final = 2.0
 """Rows of a long set-up that are nearer than this in time share a block."""
@@ -391,8 +391,11 @@ def scatters(blocks: Blocks) -> tuple[Scatter, ...]:
     return (*(Scatter(m, m) for m in own), *wandering)
 
 
-def blocks_in_time(setup: IntArray, minutes: FloatArray) -> IntArray:
+def blocks_in_time(setup: IntArray, minutes: FloatArray, channel: IntArray) -> IntArray:
     """Number the blocks of rows: rows of one set-up at about one time.
+
+    A short set-up is cut too where it has a channel that fewer than `FEWEST_SETUPS` measure, as a
+    test of each axis in a file of its own: as one block nothing of it could be held out.
 
     Parameters
     ----------
@@ -400,6 +403,8 @@ def blocks_in_time(setup: IntArray, minutes: FloatArray) -> IntArray:
         Numbers of the set-ups, growing with time.
     minutes : ndarray, shape (n,)
         Time of each row.
+    channel : ndarray, shape (n,)
+        Number of each row's channel.
 
     Returns
     -------
@@ -408,19 +413,26 @@ def blocks_in_time(setup: IntArray, minutes: FloatArray) -> IntArray:
 
     Examples
     --------
-    >>> blocks_in_time(np.array([0, 0, 1, 1, 1]), np.array([0.0, 20.0, 100.0, 101.0, 260.0]))
-    array([0, 0, 1, 1, 2])
+    >>> setup, minutes = np.array([0, 0, 1, 1, 1]), np.array([0.0, 20.0, 100.0, 101.0, 260.0])
+    >>> blocks_in_time(setup, minutes, np.zeros(5, int))
+    array([0, 1, 2, 2, 3])
     """
     members = [np.flatnonzero(setup == s) for s in np.unique(setup)]
     spans = [float(np.ptp(minutes[own])) for own in members]
-    total = sum(span for span in spans if span >= LONG_MIN)
+    pairs = np.unique([setup, channel], axis=1)
+    channels, setups_of_channel = np.unique(pairs[1], return_counts=True)
+    rare = np.isin(channel, channels[setups_of_channel < FEWEST_SETUPS])
+    is_cut = [
+        span >= LONG_MIN or bool(rare[own].any()) for own, span in zip(members, spans, strict=True)
+    ]
+    total = sum(span for span, cut in zip(spans, is_cut, strict=True) if cut)
     found, number = np.zeros(len(setup), dtype=np.intp), 0
-    for own, span in zip(members, spans, strict=True):
-        if span < LONG_MIN:
-            found[own] = number
-        else:
+    for own, span, cut in zip(members, spans, is_cut, strict=True):
+        if cut:
             longest = max(SHORTEST_BLOCK_MIN, span / BLOCKS_OF_A_SETUP, total / BLOCKS_IN_ALL)
             found[own] = number + _stretches(minutes[own], longest)
+        else:
+            found[own] = number
         number = int(found[own].max()) + 1
     return found
 

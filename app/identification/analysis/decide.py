@@ -37,7 +37,9 @@ from app.identification.analysis.shown_by_few import (
 from app.identification.residuals.residuals import channel_unit
 from app.search.findings import FLEXIBLE, FoundTerm, Rival
 from app.search.names import ALIKE, WALKS
+from app.search.scatter import LONG_MIN
 from app.search.validation import ABOVE_ZERO
+from app.units import SECONDS_PER_MIN
 
 TRUST: Final = 0.5
 """Power of a likelihood ratio of two explanations: a model that is a little wrong tells as much
@@ -71,6 +73,10 @@ BY_ITS_NAME_ALONE: Final = (
     "nobody is sure of its name, and what it does at all positions alike follows from that alone, "
     "because set-ups have zeros of their own: measure one position with the datum `absolute`, "
     "cold and hot"
+)
+OF_A_SHORT_TIME: Final = (
+    f"nobody is sure of its name, and temperatures hardly move within {LONG_MIN:g} min, so others "
+    "that were like it there may be needed later: measure over some hours"
 )
 BESIDE_A_MISTAKE: Final = (
     "a mistake that was found beside it is to be corrected first, then analyse again"
@@ -329,8 +335,17 @@ def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) ->
     unseen = World(1.0 - finished.hidden_share(effect), BY_ITS_NAME_ALONE)
     if unseen.change > 0.0 and not finished.is_name_sure(effect, term):
         yield unseen
+    if _is_of_a_short_time(effect) and not finished.is_name_sure(effect, term):
+        yield World(0.0, OF_A_SHORT_TIME)
     if words := _beside_a_mistake(finished, effects, number):
         yield World(0.0, words)
+
+
+def _is_of_a_short_time(effect: Effect) -> bool:
+    """Whether what drives an effect was seen for a shorter time than temperatures need."""
+    if effect.valid is None or not (effect.sensors or effect.states):
+        return False
+    return effect.valid.to_s - effect.valid.from_s < LONG_MIN * SECONDS_PER_MIN
 
 
 def _of_rivals(
