@@ -374,6 +374,12 @@ curl http://127.0.0.1:8000/v1/machines/practice/analyses/1
 # 200 when it is done, 409 before
 curl http://127.0.0.1:8000/v1/machines/practice/analyses/1/report -o analysis.html
 
+# 200 when it is done, 409 before: the visits to make, to print
+curl http://127.0.0.1:8000/v1/machines/practice/analyses/1/visits -o visits.html
+
+# 404 when it is done, 409 before: it proposes fewer; one of them is a CSV file
+curl http://127.0.0.1:8000/v1/machines/practice/analyses/1/visits/99
+
 # 200 when it is done, 409 before: stated, as one short visit cannot show that it helps
 curl -X POST http://127.0.0.1:8000/v1/machines/practice/analyses/1/adopt \
      -H "Content-Type: application/json" \

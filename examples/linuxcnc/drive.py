@@ -152,7 +152,7 @@ def run_once(text, recorder):
         if place != (place := (stat.motion_line, stat.position)):
             since = time.monotonic()
         elif time.monotonic() - since > STANDSTILL_S:
-            sys.exit("the program stands still at line %d" % stat.motion_line)
+            sys.exit(f"the program stands still at line {stat.motion_line}")
         if stat.interp_state == linuxcnc.INTERP_PAUSED:
             stops.append([commanded for commanded, _ in recorder.settled()])
             command.auto(linuxcnc.AUTO_RESUME)
