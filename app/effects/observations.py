@@ -285,7 +285,7 @@ class ObservationRows:
     @cached_property
     def block(self) -> IntArray:
         """Number of each row's block: rows of one visit at about one time; shape (n,)."""
-        return blocks_in_time(self.visit, self.times_s / SECONDS_PER_MIN, self.channel)
+        return blocks_in_time(self.visit, self.times_s / SECONDS_PER_MIN)
 
     def of_channel(self, name: str) -> IntArray:
         """List the rows of a channel."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.arrays import FloatArray, IntArray, SparseArray
 from app.errors import InvalidContent
-from app.search.scatter import blocks_in_time
+from app.search.scatter import blocks_in_time, setups_alone
 
 
 class Datum(StrEnum):
@@ -86,8 +86,12 @@ class Rows:
 
     @cached_property
     def block(self) -> IntArray:
-        """Number of each row's block: rows of one visit at about one time; shape (n,)."""
-        return blocks_in_time(self.visit, self.minutes, self.channel)
+        """Number of each row's block: rows of one visit at about one time; shape (n,).
+
+        Blocks are held out, and share what wanders. A short visit alone has several, while it
+        is one moment to whatever follows temperatures (`ObservationRows.block`).
+        """
+        return blocks_in_time(self.visit, self.minutes, setups_alone(self.visit, self.channel))
 
     def __post_init__(self) -> None:
         n = len(self.values)

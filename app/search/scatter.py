@@ -23,7 +23,7 @@ M. Woodbury, Inverting modified matrices (1950): V⁻¹ without forming V.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -391,11 +391,10 @@ def scatters(blocks: Blocks) -> tuple[Scatter, ...]:
     return (*(Scatter(m, m) for m in own), *wandering)
 
 
-def blocks_in_time(setup: IntArray, minutes: FloatArray, channel: IntArray) -> IntArray:
+def blocks_in_time(
+    setup: IntArray, minutes: FloatArray, cut: Collection[int] = frozenset()
+) -> IntArray:
     """Number the blocks of rows: rows of one set-up at about one time.
-
-    A short set-up is cut too where it has a channel that fewer than `FEWEST_SETUPS` measure, as a
-    test of each axis in a file of its own: as one block nothing of it could be held out.
 
     Parameters
     ----------
@@ -403,8 +402,8 @@ def blocks_in_time(setup: IntArray, minutes: FloatArray, channel: IntArray) -> I
         Numbers of the set-ups, growing with time.
     minutes : ndarray, shape (n,)
         Time of each row.
-    channel : ndarray, shape (n,)
-        Number of each row's channel.
+    cut
+        Set-ups that are cut though they are short.
 
     Returns
     -------
@@ -414,27 +413,36 @@ def blocks_in_time(setup: IntArray, minutes: FloatArray, channel: IntArray) -> I
     Examples
     --------
     >>> setup, minutes = np.array([0, 0, 1, 1, 1]), np.array([0.0, 20.0, 100.0, 101.0, 260.0])
-    >>> blocks_in_time(setup, minutes, np.zeros(5, int))
-    array([0, 1, 2, 2, 3])
+    >>> blocks_in_time(setup, minutes), blocks_in_time(setup, minutes, {0})
+    (array([0, 0, 1, 1, 2]), array([0, 1, 2, 2, 3]))
     """
-    members = [np.flatnonzero(setup == s) for s in np.unique(setup)]
-    spans = [float(np.ptp(minutes[own])) for own in members]
+    members = {s: np.flatnonzero(setup == s) for s in np.unique(setup).tolist()}
+    spans = {s: float(np.ptp(minutes[own])) for s, own in members.items()}
+    spans = {s: span for s, span in spans.items() if span >= LONG_MIN or s in cut}
+    total = sum(spans.values())
+    blocks, number = np.zeros(len(setup), dtype=np.intp), 0
+    for s, own in members.items():
+        blocks[own] = number
+        if s in spans:
+            longest = max(SHORTEST_BLOCK_MIN, spans[s] / BLOCKS_OF_A_SETUP, total / BLOCKS_IN_ALL)
+            blocks[own] += _stretches(minutes[own], longest)
+        number = int(blocks[own].max()) + 1
+    return blocks
+
+
+def setups_alone(setup: IntArray, channel: IntArray) -> set[int]:
+    """List the set-ups of whose channels none is measured in `FEWEST_SETUPS` set-ups.
+
+    As a test of each axis in a file of its own: as one block, nothing of it could be held out.
+
+    Examples
+    --------
+    >>> setups_alone(np.array([0, 1, 2, 3, 4, 5, 5]), np.array([7, 8, 8, 8, 8, 7, 8]))
+    {0}
+    """
     pairs = np.unique([setup, channel], axis=1)
-    channels, setups_of_channel = np.unique(pairs[1], return_counts=True)
-    rare = np.isin(channel, channels[setups_of_channel < FEWEST_SETUPS])
-    is_cut = [
-        span >= LONG_MIN or bool(rare[own].any()) for own, span in zip(members, spans, strict=True)
-    ]
-    total = sum(span for span, cut in zip(spans, is_cut, strict=True) if cut)
-    found, number = np.zeros(len(setup), dtype=np.intp), 0
-    for own, span, cut in zip(members, spans, is_cut, strict=True):
-        if cut:
-            longest = max(SHORTEST_BLOCK_MIN, span / BLOCKS_OF_A_SETUP, total / BLOCKS_IN_ALL)
-            found[own] = number + _stretches(minutes[own], longest)
-        else:
-            found[own] = number
-        number = int(found[own].max()) + 1
-    return found
+    _, which, setups = np.unique(pairs[1], return_inverse=True, return_counts=True)
+    return {*pairs[0].tolist()} - {*pairs[0, setups[which] >= FEWEST_SETUPS].tolist()}
 
 
 def _stretches(minutes: FloatArray, longest: float) -> IntArray:

@@ -83,7 +83,7 @@ def store_verification(
     stored_before = check_verification(context, machine_id, verification)
     if stored_before is not None:
         return VerificationStoredOnce(
-            _named(context, machine_id, stored_before, verification), False
+            _add_names(context, machine_id, stored_before, verification), False
         )
     judge_awaiting(context, machine_id)  # what was stored before is judged before
     while True:
@@ -242,7 +242,8 @@ def _stored_before(
     )
 
 
-def _named(
+@repeated
+def _add_names(
     context: Context, machine_id: str, stored: StoredVerification, verification: Verification
 ) -> StoredVerification:
     """Write instrument and operator to a stored verification that lacks them."""

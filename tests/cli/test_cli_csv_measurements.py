@@ -186,8 +186,8 @@ def test_the_thermal_state_is_in_the_body():
 
 def test_the_command_line_goes_before_the_file():
     table, _ = EXAMPLES["machined-part"]
-    stated = Header("Run #2", None, {"x-middle": 21.5, "spindle": 23.0})
-    found = read_measurement("machined-part", STATE + table, stated=stated)
+    header = Header("Run #2", None, {"x-middle": 21.5, "spindle": 23.0})
+    found = read_measurement("machined-part", STATE + table, header=header)
     assert (found["label"], found["measured_at"]) == ("Run #2", "2026-03-01T06:00:00Z")
     assert found["temperatures_c"] == {"x-middle": 21.5, "spindle": 23.0}
 

@@ -11,7 +11,6 @@ from app.search.candidate import Candidate, Part
 from app.search.findings import Verdict
 from app.search.rows import Datum, DeclaredNoise, Rows
 from app.search.scatter import (
-    FEWEST_SETUPS,
     LONG_MIN,
     SHORTEST_BLOCK_MIN,
     Blocks,
@@ -97,25 +96,27 @@ class Record:
 )
 def test_blocks_stay_within_a_setup_and_are_short(minutes, setups):
     when, setup = np.array(minutes), np.sort(np.array(setups[: len(minutes)]))
-    block = blocks_in_time(setup, when, np.zeros(len(setup), int))
-    enough = len(np.unique(setup)) >= FEWEST_SETUPS
+    block = blocks_in_time(setup, when, {1, 2})
     for number in np.unique(block):
         own = block == number
         assert len(np.unique(setup[own])) == 1
-        if enough and np.ptp(when[setup == setup[own][0]]) < LONG_MIN:
-            assert own.sum() == (setup == setup[own][0]).sum()
-        else:
+        span = np.ptp(when[setup == setup[own][0]])
+        if span >= LONG_MIN or setup[own][0] in {1, 2}:
             assert np.ptp(when[own]) <= max(SHORTEST_BLOCK_MIN, 4 * 400 / 150)
+        else:
+            assert own.sum() == (setup == setup[own][0]).sum()
 
 
 def test_a_short_setup_is_cut_where_others_do_not_measure_the_same():
     """A test of each axis in a file of its own, ten minutes each, and five set-ups of a fourth."""
     setup, minutes = np.repeat(np.arange(8), 6), np.tile(np.arange(0.0, 12.0, 2.0), 8)
     channel = np.repeat([0, 1, 2, 3, 3, 3, 3, 3], 6)
-    counts = np.bincount(
-        setup[np.unique(blocks_in_time(setup, minutes, channel), return_index=True)[1]]
-    )
-    assert counts.tolist() == [6, 6, 6, 1, 1, 1, 1, 1]
+    n, one = len(setup), np.zeros(len(setup), int)
+    rows = Rows(np.zeros(n), setup, one, np.zeros((n, 0)), one, minutes)
+    assert len(np.unique(rows.block)) == 8  # of one channel: whole set-ups can be held out
+    rows = replace(rows, channel=channel)
+    first = np.unique(rows.block, return_index=True)[1]
+    assert np.bincount(setup[first]).tolist() == [6, 6, 6, 1, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("free", [False, True])

@@ -26,6 +26,7 @@ NEW_SETTINGS = {
     "extrapolation_error_ratio": 3.0,
     "waiting_version": None,
     "entries_after": 0,
+    "serial_number": None,
 }
 """Columns of a machine that came after it, and what they hold then."""
 LATER = (

@@ -6,14 +6,16 @@ Values come in SI units and are written in the reader's; the scripts do the same
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
 from app.pages.languages import decimal_mark, said_in
 from app.pages.reader import local, reader
-from app.status.machine_status import Largest
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H, SECONDS_PER_MIN
+
+if TYPE_CHECKING:
+    from app.status.machine_status import Largest
 
 MM_PER_INCH: Final = 25.4
 F_PER_K: Final = 1.8
