@@ -337,7 +337,7 @@ def test_a_key_for_one_machine_is_told_its_news_alone(furnished_url, clock):
 
 @pytest.mark.parametrize("kept", [10, 25])
 def test_too_much_that_was_missed_is_counted(shop, monkeypatch, kept):
-    monkeypatch.setattr(streamed_log, "KEPT", kept)
+    monkeypatch.setattr(streamed_log, "MOST_ENTRIES", kept)
     with shop.follow(**NEWS) as stream:
         write(shop, ["begin"])
         begin = stream.next()
@@ -446,7 +446,7 @@ def until(is_so):
 
 @pytest.mark.slow
 def test_who_reads_slowly_is_told_what_is_kept_and_how_much_is_not(databases, clock, monkeypatch):
-    monkeypatch.setattr(streamed_log, "KEPT", 20)
+    monkeypatch.setattr(streamed_log, "MOST_ENTRIES", 20)
     url = databases.prepared("sqlite", furnish_database)
     count, long = 600, "x" * 50_000
     with opened(url, clock, analyses=False) as shop, not_reading(shop, "kind=event") as opened_:

@@ -429,7 +429,7 @@ def test_an_instruments_file_asks_for_what_it_does_not_say(chromium, shop):
         expect(page.locator("#wrong-axis")).to_contain_text("got 'U'")
         page.locator("#beside select[name=axis]").select_option("X")
         page.get_by_role("button", name="Show what it would change").click()
-        expect(page.locator("#wrong-measured_at")).to_contain_text("expected the time")
+        expect(page.locator("#wrong-measured_at")).to_contain_text("expected a time")
         expect(page.locator("#wrong-temperatures_c")).to_contain_text("got none")
         assert barriers(page) == []
         now = datetime.now(UTC)
