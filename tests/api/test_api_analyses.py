@@ -140,6 +140,7 @@ async def of_fewer_visits(campaign):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("campaign_app", ["sqlite"], indirect=True)
 async def test_one_observation_without_a_stated_repeatability_is_not_judged(campaign):
     """It was taken for its own scatter, so that 9.8 µm were “nothing found”."""
     first = (await campaign.get(f"{ROOM}/verifications/1")).json()

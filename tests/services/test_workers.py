@@ -126,6 +126,7 @@ async def test_what_a_killed_worker_ran_another_one_takes_up(url, database, clie
     assert sorted(tries) == [1, 2]
 
 
+@pytest.mark.parametrize("url", ["postgresql"], indirect=True)
 async def test_a_worker_that_is_told_to_end_gives_back_what_it_runs(url, database, client):
     await ask(client, 1)
     with worker(url, "--finish-s", "0") as told:
@@ -140,6 +141,7 @@ async def test_a_worker_that_is_told_to_end_gives_back_what_it_runs(url, databas
         await until(lambda: statuses(database) == ["done"])
 
 
+@pytest.mark.parametrize("url", ["postgresql"], indirect=True)
 async def test_a_worker_that_is_told_to_end_may_finish_what_it_runs(url, database, client):
     await ask(client, 2)
     with worker(url, "--finish-s", "600") as told:
