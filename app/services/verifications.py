@@ -81,20 +81,22 @@ def store_verification(
         If the label names another verification.
     """
     stored_before = check_verification(context, machine_id, verification)
-    if stored_before is not None:
-        return VerificationStoredOnce(
-            _add_names(context, machine_id, stored_before, verification), False
-        )
-    judge_awaiting(context, machine_id)  # what was stored before is judged before
+    if stored_before is not None and not _names_lacking(stored_before, verification):
+        return VerificationStoredOnce(stored_before, False)
+    if stored_before is None:
+        judge_awaiting(context, machine_id)  # what was stored before is judged before
     while True:
-        judged = judge_verification(context, machine_id, verification)
+        judged = None
+        if stored_before is None:
+            judged = judge_verification(context, machine_id, verification)
         with context.database.writing() as session:
             # Under the machine's lock: two of one label, and the watch's sequence, need an order.
             find_machine(session, machine_id, RowLock.CHANGED)
             stored_before = _stored_before(session, machine_id, verification)
             if stored_before is not None:
-                return VerificationStoredOnce(stored_before, False)
-            if judged.still_holds(session, machine_id):
+                named = _with_names(session, machine_id, stored_before, verification)
+                return VerificationStoredOnce(named, False)
+            if judged is not None and judged.still_holds(session, machine_id):
                 judged.write(context, session, machine_id)
                 stored = insert_verification(
                     session, machine_id, verification, judged.answer, context.now()
@@ -105,7 +107,8 @@ def store_verification(
                     session, machine_id, EventKind.VERIFICATION, words, context.now(), details
                 )
                 return VerificationStoredOnce(stored, True)
-        # Another verification, or another version, came first: it is judged after that one.
+        # Another verification, or another version, came first: it is judged after that one. Or
+        # the one that was there has been deleted meanwhile.
 
 
 def check_verification(
@@ -242,19 +245,19 @@ def _stored_before(
     )
 
 
-@repeated
-def _add_names(
-    context: Context, machine_id: str, stored: StoredVerification, verification: Verification
+def _names_lacking(stored: StoredVerification, verification: Verification) -> list[str]:
+    """List which of instrument and operator a verification names and the stored one does not."""
+    return [n for n in NAMES if getattr(verification, n) and not getattr(stored, n)]
+
+
+def _with_names(
+    session: Session, machine_id: str, stored: StoredVerification, verification: Verification
 ) -> StoredVerification:
     """Write instrument and operator to a stored verification that lacks them."""
-    lacking = [n for n in NAMES if getattr(verification, n) and not getattr(stored, n)]
-    if not lacking:
-        return stored
-    with context.database.writing() as session:
-        row = find_verification(session, machine_id, stored.id)
-        for name in lacking:
-            setattr(row, name, getattr(verification, name))
-        return stored_verification(row)
+    row = find_verification(session, machine_id, stored.id)
+    for name in _names_lacking(stored, verification):
+        setattr(row, name, getattr(verification, name))
+    return stored_verification(row)
 
 
 def check_places(machine: Machine, observations: Sequence[Observation]) -> None:

@@ -86,6 +86,19 @@ async def test_different_maps_under_one_label_at_once_leave_one(two):
     assert stored == won
 
 
+async def test_of_many_who_name_an_operator_at_once_one_is_stored_and_the_others_are_told(two):
+    observation = {"time": iso(START), "component": "EXX", "position_mm": 10.0, "measured_um": 1.0}
+    check = {"label": "night shift", "observations": [observation]}
+    path = f"{ROOM}/verifications"
+    assert (await two[0].post(path, json=check)).status_code == 201
+    answers = await asyncio.gather(
+        *(two[i % 2].post(path, json=check | {"operator": f"shift {i}"}) for i in range(8))
+    )
+    assert statuses(answers) == {200: 1, 409: 7}
+    (named,) = [a.json() for a in answers if a.status_code == 200]
+    assert (await two[0].get(f"{path}/{named['id']}")).json()["operator"] == named["operator"]
+
+
 @pytest.mark.slow
 async def test_one_machine_made_by_all_at_once_is_made_once(two):
     bodies = [MACHINE | {"id": "new", "name": f"by {i}"} for i in range(10)]
