@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from secrets import token_hex
 from threading import Lock
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import URL, Connection, Engine, make_url, text
@@ -50,6 +50,9 @@ _OTHERS: Final = text(
     "AND application_name = current_setting('application_name') AND pid <> pg_backend_pid()"
 )
 """Connections of other processes of ours."""
+
+LEAVES_WITHIN_S = 5.0
+"""PostgreSQL shows a connection for a moment after it was closed, on a busy computer for longer."""
 
 
 class Database:
@@ -229,21 +232,27 @@ class Database:
             yield connection
 
     def _expect_no_service(self) -> None:
+        running = Conflict(f"a service is running on the database {self.name}: stop it first")
         if self.is_sqlite:
             with self.driver() as driver:
                 driver.execute("PRAGMA busy_timeout = 0")
                 try:
                     # Nobody leaves the log as long as others are connected.
                     driver.execute("PRAGMA journal_mode = DELETE")
-                    return
                 except sqlite3.OperationalError as error:
                     if "locked" not in str(error):
                         raise StorageUnavailable(f"the database is away: {error}") from error
-        else:
-            with self.reading() as session:
-                if not session.execute(_OTHERS).scalar_one():
-                    return
-        raise Conflict(f"a service is running on the database {self.name}: stop it first")
+                    raise running from error
+            return
+        until_s = monotonic() + LEAVES_WITHIN_S
+        while self._are_others_connected():
+            if monotonic() > until_s:
+                raise running
+            sleep(0.05)
+
+    def _are_others_connected(self) -> bool:
+        with self.reading() as session:
+            return bool(session.execute(_OTHERS).scalar_one())
 
     @contextmanager
     def driver(self) -> Iterator[Any]:

@@ -132,6 +132,7 @@ def at_position(axis: str, value_mm: float) -> str:
 def place_of(one: Largest) -> str:
     """Write where a value is; empty without a position.
 
+    >>> from app.status.machine_status import Largest
     >>> place_of(Largest("EXX", -21.9, "µm", "x", -400.0, is_backward=True))
     'at X −400 backward'
     """
