@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import app
-from app.api.files.delimited_text import Problems, parse_delimited
 from app.csv_text import csv_line, no_formula
+from app.files.delimited_text import Problems, parse_delimited
 
 FORMULAS = [
     "=1+1", "+1+1", "-1+1", "@SUM(A1)", "=cmd|' /C calc'!A0", "-2+3|A1", "＝1+1", "a;=1+1",

@@ -26,12 +26,12 @@ from starlette.types import Message, Receive, Scope, Send
 from app.api.access import AccessControl, holder_of
 from app.api.collector import uncollected
 from app.api.dependencies import refuse_unknown_query
-from app.api.field_errors import with_known_fields
-from app.api.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 from app.api.long_bodies import AT_ONCE, LongBodies
 from app.api.media_types import JSON
 from app.api.schemas.in_pieces import shown_errors
 from app.errors import InvalidContent
+from app.field_errors import with_known_fields
+from app.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 
 MEGABYTE: Final = 1024 * 1024
 

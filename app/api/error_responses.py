@@ -17,7 +17,6 @@ from starlette.responses import Response
 from starlette.routing import Match
 from starlette.types import Scope
 
-from app.api.field_errors import field_error
 from app.api.pages import Page, take_reader, wants_page
 from app.api.request_log import request_id
 from app.api.schemas.in_pieces import ENOUGH_ERRORS
@@ -37,6 +36,7 @@ from app.errors import (
     UnknownThing,
     list_names,
 )
+from app.field_errors import field_error
 from app.message import Message
 from app.pages.environment import render_live
 

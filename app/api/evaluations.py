@@ -11,7 +11,6 @@ from typing import Any, Final, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from app.api.field_errors import field_error
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
@@ -22,6 +21,7 @@ from app.api.schemas.measurements.parts import (
 )
 from app.arrays import FloatArray
 from app.errors import InvalidContent
+from app.field_errors import field_error
 from app.measurement.body_diagonal import BodyDiagonal, body_diagonal
 from app.measurement.drilled_plate import DrilledPlate, evaluate_drilled_plate
 from app.measurement.machined_part import MachinedPart, evaluate_machined_part

@@ -15,15 +15,14 @@ from fastapi import Depends, Query, Request
 from app.api.bodies import body_of_at_most, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath, machine_in_memory
 from app.api.evaluations import EVALUATIONS
-from app.api.files.csv_comments import Header
-from app.api.files.csv_error_map import CsvErrorMap
-from app.api.files.uploaded_map import read_uploaded_map
-from app.api.files.uploaded_verification import UploadedVerification, read_uploaded_verification
 from app.api.media_types import CSV, XLSX
 from app.api.schemas.base import UtcTime
 from app.api.schemas.measurements.base import MeasurementRequest
+from app.api.uploaded_map import FileMap, read_uploaded_map
+from app.api.uploaded_verification import UploadedVerification, read_uploaded_verification
 from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
+from app.files.csv_comments import Header
 from app.services.measurements import map_of_result
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
@@ -171,9 +170,9 @@ async def uploaded_map(
     A million readings take seconds: nobody else waits for the database meanwhile.
     """
 
-    def read_and_check() -> CsvErrorMap | _Readings:
+    def read_and_check() -> FileMap | _Readings:
         read = read_uploaded_map(content, name, machine, beside.stated, beside.method)
-        if isinstance(read, CsvErrorMap):
+        if isinstance(read, FileMap):
             return read
         body = EVALUATIONS[read.method].checked(read.body)
         return _Readings(read.method, body, read.remarks)
@@ -184,9 +183,9 @@ async def uploaded_map(
     return await in_a_thread(lambda: _map_of(described, read))
 
 
-def _map_of(described: Machine, read: CsvErrorMap | _Readings) -> FoundMap:
+def _map_of(described: Machine, read: FileMap | _Readings) -> FoundMap:
     """Give a file's map, or evaluate the readings in it."""
-    if isinstance(read, CsvErrorMap):
+    if isinstance(read, FileMap):
         return FoundMap(read.error_map.to_error_map(), read.remarks)
     result = EVALUATIONS[read.method].evaluate(described, read.body)
     error_map = map_of_result(described, read.method, read.body.header(), result)

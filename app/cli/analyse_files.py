@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from app.api.files.contract_json import read_json
-from app.api.files.csv_verification import read_csv_verification
-from app.api.files.delimited_text import Problems, UnreadableFile
-from app.api.files.file_kind import FileKind
-from app.api.files.verification_check import check_verification, complain_of_fields
+from app.api.contract_json import read_json
 from app.api.schemas.verifications import VerificationRequest
+from app.api.verification_check import check_verification, complain_of_fields
 from app.cli.import_checks import choose_machine, naming, refusing_other_kind, show_what_was_read
 from app.cli.terminal import echo
 from app.errors import counted, list_names
+from app.files.csv_verification import read_csv_verification
+from app.files.delimited_text import Problems, UnreadableFile
+from app.files.file_kind import FileKind
 from app.geometry.components import parse_component
 from app.pages.what_was_read import read_of_verification
 from thermap import FieldError, InvalidContentError, ThermapClient

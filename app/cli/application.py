@@ -221,7 +221,7 @@ def _say_what_came(wrong: typer.BadParameter) -> None:
     pydantic = sys.modules.get("pydantic")
     if pydantic is None or not isinstance(wrong.__cause__, pydantic.ValidationError):
         return
-    from app.api.field_errors import field_error
+    from app.field_errors import field_error
 
     error = wrong.__cause__.errors()[0]
     # Of a word that is none of several typer says so itself, in a sentence of its own.

@@ -19,7 +19,9 @@ from typing import Final, NamedTuple
 
 import typer
 
-from app.api.files.csv_columns import (
+from app.decimal_text import read_number
+from app.errors import list_names
+from app.files.csv_columns import (
     Column,
     Columns,
     Named,
@@ -30,10 +32,8 @@ from app.api.files.csv_columns import (
     names_after,
     normal_heading,
 )
-from app.api.files.csv_verification import STATE
-from app.api.files.delimited_text import DelimitedText, Problems, Row, read_delimited
-from app.decimal_text import read_number
-from app.errors import list_names
+from app.files.csv_verification import STATE
+from app.files.delimited_text import DelimitedText, Problems, Row, read_delimited
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
 _COUNT: Final = Quantity(

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from app.api.files.csv_comments import Header
-from app.api.files.delimited_text import UnreadableFile
-from app.api.files.file_kind import FileKind, OtherKind, refuse_other_kind
 from app.cli.answers import shell_words
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.terminal import echo
 from app.errors import Conflict, ThermapError, list_names
+from app.files.csv_comments import Header
+from app.files.delimited_text import UnreadableFile
+from app.files.file_kind import FileKind, OtherKind, refuse_other_kind
 from app.geometry.components import COMPONENTS, ORDER, parse_component
 from thermap import NotListeningError, ThermapClient, ThermapClientError, UnknownThingError
 

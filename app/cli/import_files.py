@@ -9,15 +9,11 @@ from typing import Annotated, Final
 
 import typer
 
-from app.api.files.contract_json import read_contract_json
-from app.api.files.csv_comments import Header
-from app.api.files.csv_error_map import read_csv_error_map
-from app.api.files.delimited_text import UnreadableFile
-from app.api.files.file_kind import FileKind
-from app.api.files.instrument_files import InstrumentFormat, instrument_format
+from app.api.contract_json import read_contract_json
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings, settings_of
 from app.api.schemas.readings import ReadingSchema
+from app.api.uploaded_map import read_error_map
 from app.cli.import_checks import (
     ImportMode,
     choose_machine,
@@ -35,6 +31,10 @@ from app.cli.import_measurements import import_measurements
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
 from app.cli.terminal import echo
 from app.errors import Conflict, counted, list_names
+from app.files.csv_comments import Header
+from app.files.delimited_text import UnreadableFile
+from app.files.file_kind import FileKind
+from app.files.instrument_files import InstrumentFormat, instrument_format
 from app.pages.what_was_read import read_of_map
 from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
 
@@ -241,7 +241,7 @@ def _read_all(files: Sequence[Path], header: Header, machine: str | None) -> lis
 
 def _read_csv(file: Path, header: Header) -> ImportedFile:
     with refusing_other_kind(FileKind.MAP, file):
-        content = read_csv_error_map(file, header)
+        content = read_error_map(file, header)
     return ImportedFile(
         file, error_maps=[content.error_map], machine=content.machine or "", remarks=content.remarks
     )

@@ -10,12 +10,7 @@ from typing import Any, Final
 import typer
 from pydantic import ValidationError
 
-from app.api.field_errors import field_error
-from app.api.files.contract_json import read_json
-from app.api.files.csv_comments import Header
-from app.api.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
-from app.api.files.delimited_text import Problems, UnreadableFile, read_text
-from app.api.files.instrument_files import InstrumentFormat, instrument_format
+from app.api.contract_json import read_json
 from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
 from app.api.schemas.measurements.base import MeasurementRequest
 from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
@@ -41,6 +36,11 @@ from app.cli.measurement_view import measurement_view
 from app.cli.options import connect
 from app.cli.terminal import echo, write_document
 from app.errors import counted, list_names
+from app.field_errors import field_error
+from app.files.csv_comments import Header
+from app.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
+from app.files.delimited_text import Problems, UnreadableFile, read_text
+from app.files.instrument_files import InstrumentFormat, instrument_format
 from thermap import ThermapClient, calls
 from thermap.answers import (
     BodyDiagonalAnswer,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.api.files.csv_writing import csv_of_visit
 from app.cli.options import write_file
 from app.cli.terminal import echo
+from app.files.csv_writing import csv_of_visit
 from app.identification.plan.visit import NextVisit
 
 

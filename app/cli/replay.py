@@ -29,9 +29,6 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from app.api.files.csv_columns import name_after
-from app.api.files.csv_verification import STATE
-from app.api.files.delimited_text import left_out
 from app.api.schemas.readings import ReadingSchema
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
@@ -40,6 +37,9 @@ from app.cli.csv_recording import TIME_COLUMNS, Recording, read_recording
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
 from app.cli.terminal import echo
 from app.errors import counted, list_names
+from app.files.csv_columns import name_after
+from app.files.csv_verification import STATE
+from app.files.delimited_text import left_out
 from app.geometry.components import COMPONENTS
 from app.live.reading_window import kept_spacing_s
 from app.thermal.machine import Sensor

@@ -241,7 +241,7 @@ def _parsed(name: str, option: str, parse: Any) -> Any:
 
 def _stated_plan(file: Path) -> _Plan:
     """Read a plan; what it states as a set-up is a visit."""
-    from app.api.files.csv_verification import read_csv_verification
+    from app.files.csv_verification import read_csv_verification
 
     body = read_csv_verification(file, is_planned=True).body
     ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))

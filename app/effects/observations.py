@@ -39,6 +39,9 @@ LIKELY_REPEATABILITY_UM: Final = (0.005, 50.0)
 SAME_PLACE_DECIMALS: Final = 6
 """Places that agree to a nanometre are one."""
 
+MOST_OBSERVATIONS: Final = 100_000
+"""Of one verification."""
+
 MOST_STATE_VALUES: Final = 4_000_000
 """Names of states times observations: a table of both is stored and searched."""
 

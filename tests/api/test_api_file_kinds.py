@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_comments import Header
-from app.api.files.delimited_text import UnreadableFile
-from app.api.files.file_kind import FileKind, kind_of_file
 from app.cli.analyse_files import read_verifications
 from app.cli.import_files import _read_all
+from app.files.csv_comments import Header
+from app.files.delimited_text import UnreadableFile
+from app.files.file_kind import FileKind, kind_of_file
 from tests.api.test_api_dashboard import feed
 from tests.api.test_api_verification_files import NIGHT
-from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import ROOM, START, problem, reading
 
 pytestmark = pytest.mark.anyio

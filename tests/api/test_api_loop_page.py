@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.api.files.csv_verification import parse_csv_verification
+from app.files.csv_verification import parse_csv_verification
 from app.pages.report_parts.words import sentence
 from app.storage.analyses import begin_analysis, fail_analysis, finish_analysis, insert_analysis
 from app.storage.analysis_results import RESULTS

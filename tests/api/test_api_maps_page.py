@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
+from app.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from tests.api.test_api_dashboard import feed, shown
-from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import ROOM, START, iso, problem, reading
 
 pytestmark = pytest.mark.anyio

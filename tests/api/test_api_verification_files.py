@@ -6,8 +6,8 @@ import json
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_verification import read_csv_verification
-from app.api.files.delimited_text import UnreadableFile
+from app.files.csv_verification import read_csv_verification
+from app.files.delimited_text import UnreadableFile
 from tests.api.test_api_verifications import PATH, observation, verification
 from tests.service_examples import ROOM, START, iso, problem
 

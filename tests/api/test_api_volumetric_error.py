@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow
 import pytest
 
-from app.api.json_text import SHORT_TEXT
 from app.api.schemas.volumetric_error import VolumetricErrorAnswer
 from app.geometry.components import COMPONENTS
+from app.json_text import SHORT_TEXT
 from tests.service_examples import (
     MACHINE,
     ROOM,

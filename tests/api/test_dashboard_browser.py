@@ -12,7 +12,7 @@ import pytest
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
-from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import MACHINE, ROOM, UNHURRIED, furnish_database, reading
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.files.csv_comments import Header
-from app.api.files.csv_error_map import parse_csv_error_map
-from app.api.files.csv_verification import parse_csv_verification
-from app.api.files.csv_writing import csv_of_check, csv_of_map
 from app.api.schemas.verifications import VerificationRequest
+from app.api.uploaded_map import parse_error_map
 from app.effects.observations import Observation, Verification
+from app.files.csv_comments import Header
+from app.files.csv_verification import parse_csv_verification
+from app.files.csv_writing import csv_of_check, csv_of_map
 from app.geometry.components import COMPONENTS
 from app.search.rows import Datum
 from app.thermal.error_map import ComponentTable, ErrorMap
@@ -79,7 +79,7 @@ def same(one, other):
 @given(error_maps())
 def test_a_map_comes_back_as_it_was(error_map):
     text = csv_of_map("mill", error_map)
-    read = parse_csv_error_map({"": text}, FILE, Header())
+    read = parse_error_map({"": text}, FILE, Header())
     back = read.error_map.to_error_map()
     assert read.machine == "mill"
     assert (back.label, back.measured_at) == (error_map.label, error_map.measured_at)

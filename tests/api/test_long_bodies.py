@@ -6,8 +6,8 @@ import pytest
 from starlette.exceptions import HTTPException
 
 from app.api import long_bodies
-from app.api.json_text import SHORT_TEXT
 from app.api.long_bodies import AT_ONCE, LONGEST_WAIT_S, LongBodies
+from app.json_text import SHORT_TEXT
 from tests.service_examples import ROOM, START, problem, reading
 
 pytestmark = pytest.mark.anyio

@@ -22,7 +22,7 @@ from tests.campaign_examples import (
     store_sister,
 )
 from tests.cli.conftest import ended
-from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, MOVED, NOTHING, UNEXPLAINED
 from tests.service_examples import MACHINE, Clock, error_map, running
 from thermap import ThermapClient

@@ -1,7 +1,7 @@
 """thermap import --method and thermap simulate: readings to maps, maps to readings.
 
 What each method computes is tested in tests/measurement, its files in
-test_cli_csv_measurements.py; here is what the command line does with both.
+tests/files/test_csv_measurements.py; here is what the command line does with both.
 """
 
 import json
@@ -10,9 +10,10 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from app.api.files.csv_measurements import METHODS, read_csv_measurement
 from app.cli.measurement_view import figure_text
-from tests.cli.test_cli_csv_measurements import EXAMPLES
+from app.files.csv_measurements import METHODS, read_csv_measurement
+from tests.files.test_csv_measurements import EXAMPLES
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import MACHINE, START, error_map, iso, reading, table, temperatures
 
 HOT = ("-t", "x-middle=25.5", "-t", "z-column=27.5", "--missing-as-zero")
@@ -453,3 +454,23 @@ def test_what_the_service_refuses_is_told_in_its_words(thermap, tmp_path):
     assert missing.exit_code == 1
     assert "EYX" in missing.stderr
     assert not file.exists()
+
+
+def test_an_instruments_file_is_imported(thermap, tmp_path):
+    path = tmp_path / "cold.rtl"
+    path.write_text(BOTH_WAYS, encoding="cp1252")
+    looked = thermap("import", path, "--machine", "mcfv5050", "--evaluate-only")
+    assert looked.exit_code == 0
+    assert "compare the first value" in " ".join(looked.stderr.split())
+    lacking = thermap("import", path, "--machine", "mcfv5050")
+    assert lacking.exit_code == 1
+    assert "--measured-at" in lacking.stderr
+    stated = ("--measured-at", "2026-03-01T06:30:00Z", "-t", "x-middle=35", "-t", "z-column=36")
+    stored = thermap("import", path, "--machine", "mcfv5050", *stated, "--label", "rtl")
+    assert stored.exit_code == 0
+    assert "error map 'rtl' stored" in stored.stdout
+    assert thermap("import", path, "--method", "six-dof").exit_code == 1
+    other = tmp_path / "map.csv"
+    other.write_text("component,position_mm,error_um\n")
+    assert thermap("import", path, other).exit_code == 2
+    assert thermap("import", other, "--axis", "x").exit_code == 2

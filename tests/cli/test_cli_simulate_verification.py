@@ -5,7 +5,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from app.api.files.csv_verification import read_csv_verification
+from app.files.csv_verification import read_csv_verification
 from tests.service_examples import START, error_map, iso, reading, table
 
 

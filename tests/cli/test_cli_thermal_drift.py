@@ -4,8 +4,8 @@ from datetime import timedelta
 
 import pytest
 
-from app.api.files.csv_measurements import read_csv_measurement
-from app.api.files.delimited_text import UnreadableFile
+from app.files.csv_measurements import read_csv_measurement
+from app.files.delimited_text import UnreadableFile
 from tests.service_examples import START, reading
 
 HEAD = "# test: spindle\n# point_mm: 250, 200, 300\n# label: Warm-up\n"

@@ -11,18 +11,18 @@ from pathlib import Path
 import pytest
 from openpyxl import Workbook
 
-from app.api.files.csv_comments import Header
-from app.api.files.csv_measurements import METHODS, read_csv_measurement
-from app.api.files.delimited_text import UnreadableFile, text_of
-from app.api.files.uploaded_map import read_uploaded_map
-from app.api.files.uploaded_verification import read_uploaded_verification
+from app.api.uploaded_map import read_uploaded_map
+from app.api.uploaded_verification import read_uploaded_verification
 from app.cli.csv_recording import read_recording
 from app.connections.config import read_connections
 from app.controllers.format import ControllerFile
 from app.errors import InvalidContent
+from app.files.csv_comments import Header
+from app.files.csv_measurements import METHODS, read_csv_measurement
+from app.files.delimited_text import UnreadableFile, text_of
 from app.services.controllers import parse_files
-from tests.cli.test_cli_renishaw_rtl import BOTH_WAYS
 from tests.controllers.example_tables import NEEDED
+from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.hostile.mutations import mutated
 from tests.service_examples import client_of, furnish_database, running
 

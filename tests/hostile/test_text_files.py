@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from app.api.files import delimited_text
-from app.api.files.csv_comments import Header
-from app.api.files.csv_error_map import parse_csv_error_map
-from app.api.files.csv_measurements import read_csv_measurement
-from app.api.files.csv_verification import parse_csv_verification
-from app.api.files.delimited_text import Problems, UnreadableFile, parse_delimited, split_lines
-from app.api.files.instrument_files.renishaw_rtl import read_renishaw_rtl
+from app.api.uploaded_map import parse_error_map
 from app.controllers import lines
 from app.controllers.format import ControllerFile
 from app.controllers.registry import FORMATS
 from app.decimal_text import LONGEST_NUMBER, read_number
 from app.errors import InvalidContent
+from app.files import delimited_text
+from app.files.csv_comments import Header
+from app.files.csv_measurements import read_csv_measurement
+from app.files.csv_verification import parse_csv_verification
+from app.files.delimited_text import Problems, UnreadableFile, parse_delimited, split_lines
+from app.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from app.geometry.components import unknown_component
 
 FILE = Path("run.csv")
@@ -87,7 +87,7 @@ def test_names_near_a_wrong_one_are_looked_for_where_they_are_shown(monkeypatch)
     )
     rows = "".join(f"E{i},0,0\n" for i in range(1000))
     with pytest.raises(UnreadableFile):
-        parse_csv_error_map({"": f"component,position_mm,error_um\n{rows}"}, FILE, STATED)
+        parse_error_map({"": f"component,position_mm,error_um\n{rows}"}, FILE, STATED)
     assert len(asked) == delimited_text.MOST_PROBLEMS
 
 
@@ -169,11 +169,11 @@ GROWING = {
         lambda n: "time,component,measured_um\n" + "x,y,z\n" * n,
     ),
     "no column for it": (
-        lambda text: parse_csv_error_map({"": text}, FILE, STATED),
+        lambda text: parse_error_map({"": text}, FILE, STATED),
         lambda n: "component,error_um\n" + "".join(f"EXX,{i}\nq,1\n" for i in range(n)),
     ),
     "comments": (
-        lambda text: parse_csv_error_map({"": text}, FILE, STATED),
+        lambda text: parse_error_map({"": text}, FILE, STATED),
         lambda n: (
             "".join(f"# label {i}: a\n# temperature s{i}: 20\n" for i in range(n))
             + "component,position_mm,error_um\nEXX,0,1\nEXX,5,1\n"
@@ -228,6 +228,6 @@ def test_a_position_that_no_map_may_have_is_refused_as_the_service_does(position
     with pytest.raises(
         UnreadableFile, match=r"positions_mm\.\d: expected at (most|least) -?1e\+06"
     ):
-        parse_csv_error_map(
+        parse_error_map(
             {"": f"component,position_mm,error_um\nEXX,{position},1\nEXX,5,1\n"}, FILE, STATED
         )

@@ -8,10 +8,10 @@ from datetime import datetime, time, timedelta
 import pytest
 from openpyxl import Workbook, load_workbook
 
-from app.api.files import workbooks
-from app.api.files.delimited_text import workbook_sheets
-from app.api.files.table_limits import LONGEST_CELL, MOST_COLUMNS, NoTable
-from app.api.files.workbooks import read_sheets
+from app.files import workbooks
+from app.files.delimited_text import workbook_sheets
+from app.files.table_limits import LONGEST_CELL, MOST_COLUMNS, NoTable
+from app.files.workbooks import read_sheets
 
 MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
 OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.files.csv_verification import read_csv_verification
-from app.api.files.csv_writing import csv_of_visit
 from app.api.schemas.analyses import PlanRequest
 from app.api.schemas.campaigns import campaign_of_bodies
 from app.cli.planned_visits import write_visits
 from app.effects.observations import Observation
 from app.effects.registry import KINDS, separating_measurement
+from app.files.csv_verification import read_csv_verification
+from app.files.csv_writing import csv_of_visit
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.next_visits import propose_visits
 from app.identification.plan.planning import plan

@@ -9,12 +9,12 @@ import io
 import numpy as np
 import pytest
 
-from app.api.files.csv_comments import Header
-from app.api.files.csv_measurements import read_csv_measurement
-from app.api.files.csv_verification import read_csv_verification
-from app.api.files.delimited_text import UnreadableFile
 from app.api.schemas.measurements.drift import ThermalDriftRequest
 from app.api.schemas.verifications import VerificationRequest
+from app.files.csv_comments import Header
+from app.files.csv_measurements import read_csv_measurement
+from app.files.csv_verification import read_csv_verification
+from app.files.delimited_text import UnreadableFile
 from app.geometry.body_diagonal import DIAGONALS, diagonal_displacements
 from app.geometry.chain import Chain
 from app.geometry.error_field import ErrorField

@@ -15,17 +15,17 @@ from app.api.dependencies import (
     MapPath,
     VerificationPath,
 )
-from app.api.files.csv_writing import (
+from app.api.media_types import CSV
+from app.api.router import Router
+from app.errors import UnknownThing, counted
+from app.files.csv_writing import (
     check_template,
     csv_of_check,
     csv_of_map,
     csv_of_visit,
     map_template,
 )
-from app.api.files.file_kind import FileKind
-from app.api.media_types import CSV
-from app.api.router import Router
-from app.errors import UnknownThing, counted
+from app.files.file_kind import FileKind
 from app.geometry.needed_components import needed_components
 from app.services.analyses import report_analysis
 from app.services.machines import show_error_map, show_error_maps, show_machine

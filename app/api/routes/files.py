@@ -10,8 +10,6 @@ from fastapi import Depends, Query, Request, Response
 
 from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import AcceptLossesQuery, ContextDep, MachinePath, PreviewQuery
-from app.api.files.file_kind import FileKind, OtherKind, kind_of_file
-from app.api.files.uploaded_verification import UploadedVerification
 from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.error_maps import answer_to_map
@@ -19,6 +17,7 @@ from app.api.routes.verifications import answer_to_verification
 from app.api.schemas.error_maps import ErrorMapAnswer
 from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.verifications import StoredVerificationAnswer, VerificationPreview
+from app.api.uploaded_verification import UploadedVerification
 from app.api.uploads import (
     FILE_BODY,
     BesideQuery,
@@ -29,6 +28,7 @@ from app.api.uploads import (
     uploaded_verification,
 )
 from app.errors import FieldError, InvalidContent, list_names
+from app.files.file_kind import FileKind, OtherKind, kind_of_file
 from app.pages.dashboard.loop import check_preview
 from app.pages.dashboard.maps import upload_preview
 from app.services.error_maps import preview_error_map

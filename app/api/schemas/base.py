@@ -64,11 +64,6 @@ def also(name: str, answered: str) -> AliasChoices:
     return AliasChoices(name, answered)
 
 
-def way_of(name: str) -> str:
-    """Mark one way of stating something, which the path of a wrong field leaves out."""
-    return f"({name})"
-
-
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number: no text, no booleans, no NaN."""
 

@@ -19,7 +19,6 @@ from app.api.schemas.base import (
     Temperatures,
     UtcTime,
     also,
-    way_of,
 )
 from app.api.schemas.model_change import ModelChange
 from app.api.schemas.uncertainty import (
@@ -31,6 +30,7 @@ from app.api.schemas.uncertainty import (
     uncertainty_fields,
 )
 from app.errors import InvalidContent, UnknownComponent
+from app.field_errors import way_of
 from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
 from app.thermal.error_map import ComponentTable, ErrorMap

@@ -25,9 +25,9 @@ from app.api.schemas.base import (
     StatedTemperatures,
     Temperatures,
     UtcTime,
-    way_of,
 )
 from app.api.schemas.in_pieces import InPieces
+from app.field_errors import way_of
 from app.services.readings import StoreOutcome
 from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading

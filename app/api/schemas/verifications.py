@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import Name, Number, Schema, UtcTime, also, way_of
+from app.api.schemas.base import Name, Number, Schema, UtcTime, also
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
-from app.effects.observations import Observation, Verification
+from app.effects.observations import MOST_OBSERVATIONS, Observation, Verification
 from app.errors import InvalidContent
+from app.field_errors import way_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
 from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
@@ -22,8 +23,6 @@ from app.units import Unit
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion
     from app.storage.records import StoredVerification
-
-MOST_OBSERVATIONS: Final = 100_000
 
 _VALUES: Final = ("measured_um", "measured_urad", "measured_um_per_m", "measured_urad_per_m")
 

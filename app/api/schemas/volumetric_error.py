@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import Number, Point, Temperatures, signs_of, way_of
+from app.api.schemas.base import Number, Point, Temperatures, signs_of
 from app.api.schemas.error_field import AnswerHead, FieldRequest, triple
 from app.api.schemas.in_pieces import InPieces
+from app.field_errors import way_of
 
 if TYPE_CHECKING:
     from app.services.ask_field import FieldQuestion

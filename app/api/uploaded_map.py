@@ -1,0 +1,165 @@
+"""What makes an error map, from a file that came over HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from app.api.contract_json import check_contract, json_of
+from app.api.schemas.error_maps import ErrorMapSchema
+from app.api.schemas.machines import MachineSettings
+from app.errors import FieldError, InvalidContent
+from app.field_errors import field_error
+from app.files.csv_comments import Header, with_stated
+from app.files.csv_error_map import parse_csv_error_map
+from app.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
+from app.files.delimited_text import (
+    Problems,
+    UnreadableFile,
+    only_sheet,
+    read_sheets,
+    sheets_of,
+)
+from app.files.file_kind import FileKind, is_json, refuse_other_kind
+from app.files.instrument_files import InstrumentFormat, format_of_text
+
+
+@dataclass(frozen=True, slots=True)
+class FileMap:
+    """A map as it is to be sent, the machine that the file names, and what was noticed."""
+
+    error_map: ErrorMapSchema
+    machine: str | None
+    remarks: Sequence[str]
+
+
+def read_error_map(file: Path, header: Header) -> FileMap:
+    """Read an error map's table and check all of it, as `parse_error_map` does."""
+    return parse_error_map(read_sheets(file), file, header)
+
+
+def parse_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> FileMap:
+    """Make the map of a file's sheets as the service would.
+
+    Raises
+    ------
+    UnreadableFile
+        With line and column of what is wrong, and what the service would refuse.
+    """
+    read = parse_csv_error_map(sheets, file, header)
+    problems = Problems(file)
+    try:
+        error_map = ErrorMapSchema.model_validate(read.body)
+        error_map.to_error_map()
+    except ValidationError as error:
+        for problem in map(field_error, error.errors()):
+            problems.add(f"{problem.field}: {problem.message}")
+    except InvalidContent as error:
+        problems.add(error.detail)
+    problems.raise_if_any()
+    return FileMap(error_map, read.machine, read.remarks)
+
+
+@dataclass(frozen=True, slots=True)
+class UploadedMeasurement:
+    """An instrument's readings: the method, the body in which it is asked, what was noticed."""
+
+    method: str
+    body: Mapping[str, Any]
+    remarks: Sequence[str]
+
+
+def read_uploaded_map(
+    content: bytes, name: str, machine: str, header: Header, method: str | None = None
+) -> FileMap | UploadedMeasurement:
+    """Read an error map, or a measurement that makes one, from what is in a file.
+
+    CSV, Excel workbooks and JSON hold an error map, or with a stated method its readings; files as
+    instruments write them say themselves which method it was.
+
+    Parameters
+    ----------
+    name
+        The file's name, under which complaints stand.
+    header
+        What takes precedence over what the file says.
+    method
+        By which method it was measured, where the file holds readings and no map.
+
+    Raises
+    ------
+    InvalidContent
+        With an entry, under `file`, for everything that is wrong in the words of the command
+        line: line, column, what was expected and what came; under its own name for what the file
+        lacks and may be stated; if it is of another method or machine. `OtherKind` if it is
+        a check.
+    """
+    file = Path(Path(name).name or "file.csv")
+    expects_map = method is None
+    try:
+        content_read: FileMap | CsvMeasurement
+        is_contract = expects_map and is_json(content, file)
+        sheets = {} if is_contract else sheets_of(content, file)
+        written = None if is_contract else format_of_text(file, next(iter(sheets.values()), ""))
+        if is_contract:
+            content_read = _of_json(content, file, header)
+        elif written is not None:
+            method = _method_of(file, written, method)
+            text = only_sheet(sheets, file)
+            read = written.read(text, file, header.axis)
+            content_read = completed(read, method, file, header, complete=True)
+        elif method is not None:
+            text = only_sheet(sheets, file)
+            content_read = read_csv_measurement(
+                method, text, name=str(file), header=header, complete=True
+            )
+        else:
+            content_read = parse_error_map(sheets, file, header)
+    except UnreadableFile as error:
+        if expects_map:
+            refuse_other_kind(FileKind.MAP, content, file)
+        errors = [FieldError("file", line) for line in error.wrong]
+        errors += [FieldError(lack.field, lack.message) for lack in error.lacks]
+        raise InvalidContent(error.detail, errors) from None
+    if content_read.machine not in (None, machine):
+        raise InvalidContent.of_field(
+            "file",
+            f"{file}: expected a map of machine {machine!r}, got one that says that it is of "
+            f"{content_read.machine!r}",
+        )
+    if isinstance(content_read, FileMap):
+        return content_read
+    assert method is not None
+    return UploadedMeasurement(method, content_read.body, content_read.remarks)
+
+
+def _of_json(content: bytes, file: Path, header: Header) -> FileMap:
+    """Read the one map in a request's JSON, or in an answer's."""
+    problems = Problems(file)
+    document = json_of(content, problems)
+    if isinstance(document, dict):
+        document = with_stated(document, header)
+    entries = check_contract(document, problems)
+    maps = [entry for entry in entries if isinstance(entry, ErrorMapSchema)]
+    if len(entries) > 1:
+        problems.add(
+            f"expected one error map, got {len(entries)} entries: send one after the other"
+        )
+    elif not maps:
+        what = "a machine" if isinstance(entries[0], MachineSettings) else "a reading"
+        problems.add(f"expected an error map, got {what}")
+    problems.raise_if_any()
+    return FileMap(maps[0], None, ())
+
+
+def _method_of(file: Path, written: InstrumentFormat, method: str | None) -> str:
+    if method not in (None, written.method):
+        raise InvalidContent.of_field(
+            "method",
+            f"expected {written.method}, which {file} holds as {written.name}, got {method}",
+        )
+    return written.method

@@ -1,0 +1,69 @@
+"""Files as instruments write them, one format a file: the bodies of the measurements in them.
+
+A reader takes a file's text and refuses whatever it would have to guess. To add one: a file beside
+`renishaw_rtl.py`, and its line in `FORMATS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from app.files.csv_measurements import CsvMeasurement
+from app.files.delimited_text import UnreadableFile, read_text
+from app.files.instrument_files.renishaw_rtl import BEGINS, read_renishaw_rtl
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentFormat:
+    """One format.
+
+    Parameters
+    ----------
+    method
+        Whose measurement it holds, such as `positioning`.
+    begins
+        Whether a text is one, whatever the file's name is.
+    read
+        Takes the text, the file's name, and the axis where the command line states it.
+    """
+
+    name: str
+    method: str
+    begins: Callable[[str], bool]
+    read: Callable[[str, Path, str | None], CsvMeasurement]
+
+
+FORMATS: Final[Mapping[str, InstrumentFormat]] = {
+    ".rtl": InstrumentFormat(
+        "Renishaw's linear .rtl",
+        "positioning",
+        lambda text: BEGINS.match(text) is not None,
+        read_renishaw_rtl,
+    ),
+}
+"""The suffix of its files to each format."""
+
+_OTHERS: Final = (".json", ".xlsx", ".xls")
+
+
+def instrument_format(file: Path) -> InstrumentFormat | None:
+    """Tell a file's format by its name, or else by how it begins; None where it is none of them."""
+    suffix = file.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
+    if suffix in _OTHERS:
+        return None
+    try:
+        text = read_text(file)
+    except UnreadableFile:  # whoever reads it will say so
+        return None
+    return format_of_text(file, text)
+
+
+def format_of_text(file: Path, text: str) -> InstrumentFormat | None:
+    """Tell a text's format by its file's name, or else by how it begins."""
+    by_suffix = FORMATS.get(file.suffix.lower())
+    return by_suffix or next((one for one in FORMATS.values() if one.begins(text)), None)
