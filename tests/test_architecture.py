@@ -282,7 +282,9 @@ def test_docstrings_of_pure_functions():
     assert wrong == []
 
 
-PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.M | re.S)
+SECTION = r"^{}\n-+\n(.*?)(?=^\w+\n-+\n|\Z)"
+PARAMETERS = re.compile(SECTION.format("Parameters"), re.M | re.S)
+RETURNS = re.compile(SECTION.format("Returns"), re.M | re.S)
 ENTRY = re.compile(r"^(\S[^\n]*)((?:\n[ \t]+\S[^\n]*|\n(?=\n[ \t]))*)", re.M)
 NAMES = re.compile(r"\*{0,2}([A-Za-z_0-9]+(?:, \*{0,2}[A-Za-z_0-9]+)*)(?: : (.*))?")
 
@@ -340,8 +342,11 @@ SAYS_NOTHING = {
 
 
 def repeats_its_name(names, kind, words, types, owner):
-    """Whether an entry has no word that name, type and owner do not have."""
-    if kind or "None" in words:
+    """Whether an entry has no word that name, type and owner do not have.
+
+    With a shape or a unit of its own, an entry needs no words.
+    """
+    if "None" in words or (kind and not words):
         return False
     text = " ".join([owner, *names, *(types.get(name, "") for name in names)])
     units = {name.rsplit("_", 1)[-1] for name in names}
@@ -361,11 +366,22 @@ def test_no_entry_of_a_docstring_repeats_a_name_or_a_type():
     assert wrong == []
 
 
+def test_no_returns_repeats_its_annotation():
+    """What the annotation says needs no section; a shape, a unit or a range does."""
+    sections = [(place, RETURNS.search(text)) for place, _, _, text in documented()]
+    returned = [(place, section[1].strip()) for place, section in sections if section]
+    assert len(returned) > 300
+    bare = re.compile(r"[\w.]+(?: (?:of|or) [\w.]+)*")
+    assert [f"{place}: {words}" for place, words in returned if bare.fullmatch(words)] == []
+
+
 def test_what_an_entry_must_not_be():
     types = {"campaign": "Campaign", "table": "CompensationTable", "wait_s": "float"}
     assert repeats_its_name({"campaign"}, "", "The campaign.", types, "analyse")
     assert repeats_its_name({"table"}, "", "The compensation table.", types, "compare")
     assert repeats_its_name({"wait_s"}, "", "Wait [s].", types, "Turns")
+    assert repeats_its_name({"nodes_mm"}, "ndarray, shape (n,) [mm]", "The nodes.", {}, "locate")
+    assert not repeats_its_name({"nodes_mm"}, "ndarray, shape (n,) [mm]", "", {}, "locate")
     assert not repeats_its_name({"wait_s"}, "", "None: for ever.", types, "Turns")
     assert not repeats_its_name({"wait_s"}, "", "Longest [s].", types, "Turns")
 

@@ -35,13 +35,7 @@ async def get_runner(request: Request) -> AnalysisRunner:
 
 
 async def machine_in_memory(request: Request, context: Context, machine_id: str) -> LiveMachine:
-    """Find a machine in memory, or bring it there once, when it is our turn.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Find a machine in memory, or bring it there once, when it is our turn."""
     live = context.live.get(machine_id)
     if live is None:
         turns: Turns = request.app.state.turns

@@ -76,8 +76,6 @@ def to_digits_in(found: Any, stored: Collection[str] = ()) -> Any:
 
     Parameters
     ----------
-    found
-        Mappings, sequences, numbers and text.
     stored
         Names of fields that stay as they came.
 

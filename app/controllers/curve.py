@@ -54,7 +54,6 @@ class Curve:
         Parameters
         ----------
         positions_mm : ndarray, shape (n,) [mm]
-            Where.
         direction
             `+` or `-`.
 

@@ -51,8 +51,6 @@ class ErrorTable:
 
     Parameters
     ----------
-    origin
-        Machine, model version, time and temperatures.
     curves
         Code to curve, in the order in which tables list components.
     statuses

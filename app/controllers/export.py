@@ -78,11 +78,6 @@ class Wanted:
 def wanted_of(controller: Format, table: ErrorTable, options: Options) -> Wanted:
     """Choose what a controller can hold of a machine's errors.
 
-    Parameters
-    ----------
-    options
-        Its options: which components, and where it is 0.
-
     Returns
     -------
     Wanted
@@ -218,11 +213,6 @@ def _zero_at_reference(
 
 def export(controller: Format, table: ErrorTable, options: Options) -> Export:
     """Write a controller's files.
-
-    Parameters
-    ----------
-    table
-        The machine's errors at one thermal state.
 
     Returns
     -------

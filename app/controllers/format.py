@@ -184,12 +184,6 @@ class Format:
         As it is asked for, and as people call it.
     sign
         What its values are; None where that has to be stated.
-    units
-        Of positions and values, in words.
-    spacing
-        What it wants of positions, in words.
-    limits
-        In words.
     status
         How surely all this is known.
     folds

@@ -47,8 +47,6 @@ def choose_spacing(
         So many points a table may have.
     stated_mm
         Spacing that the user wants [mm], or None.
-    field
-        Field that states it.
 
     Returns
     -------
@@ -139,8 +137,6 @@ def even_positions(
         So many points the grid may have.
     stated_mm
         Spacing that the user wants [mm], or None.
-    field
-        Field that states it.
     through_mm
         Where a node has to lie [mm]; at the table's begin, to 0.1 µm, where not stated.
 

@@ -24,8 +24,6 @@ def head(
 
     Parameters
     ----------
-    origin
-        Machine, model version, time and temperatures.
     values
         What the values are; where left out, what their sign says.
     """

@@ -52,11 +52,6 @@ def format_named(name: str) -> Format:
 def options_of(controller: Format, options: Mapping[str, Any]) -> Options:
     """Check what is stated of a format's options.
 
-    Parameters
-    ----------
-    options
-        Name to value.
-
     Raises
     ------
     InvalidContent

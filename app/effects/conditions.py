@@ -530,7 +530,6 @@ def recorded_conditions(
     state_readings
         Time [s] and the machine's state of each reading, in order of time.
     times_s : ndarray, shape (n,) [s]
-        The times.
     own_states : mapping of name to ndarray, shape (n,)
         States that were stated beside the times themselves and go before the readings',
         NaN where none was stated.

@@ -252,8 +252,6 @@ def additive(
         What it follows, or what gives that for a value of the nonlinear parameter.
     sizes
         The amplitudes, or what they are called in mid-travel, `{unit}` for the component's.
-    traits
-        Whatever else the hypothesis has.
     """
 
     def terms(theta: float | None) -> Amplitudes:

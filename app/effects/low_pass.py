@@ -310,7 +310,6 @@ def low_pass(
     times_s : ndarray, shape (n,) [s]
         Strictly increasing, at least one.
     inputs : ndarray, shape (n,)
-        The readings.
     time_constant_s
         τ [s].
     max_gap_s

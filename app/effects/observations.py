@@ -47,13 +47,7 @@ MOST_STATE_VALUES: Final = 4_000_000
 
 
 def refuse_many_states(names: int, observations: int) -> None:
-    """Refuse what would fill the memory where each observation may state names of its own.
-
-    Raises
-    ------
-    InvalidContent
-        That says how many names there may be.
-    """
+    """Refuse what would fill the memory where each observation may state names of its own."""
     if names * observations > MOST_STATE_VALUES:
         raise InvalidContent.of_field(
             "state",
@@ -222,7 +216,6 @@ class ObservationRows:
     verification, observation : ndarray, shape (n,)
         Where a row comes from.
     times_s : ndarray, shape (n,) [s]
-        When.
     measured : ndarray, shape (n,)
         [the channel's unit]
     points_mm : ndarray, shape (n, 3) [mm]
@@ -328,7 +321,6 @@ class ObservationRows:
         Parameters
         ----------
         kept : ndarray, shape (n,)
-            Which.
         """
         arrays = (
             *("channel", "visit", "replicate", "verification", "observation"),

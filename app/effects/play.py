@@ -29,7 +29,6 @@ def play(
     times_s : ndarray, shape (n,) [s]
         Strictly increasing.
     inputs : ndarray, shape (n,)
-        The readings.
     half_width
         r, half the width of the dead band, in the inputs' unit.
     max_gap_s

@@ -38,7 +38,6 @@ class View:
     Parameters
     ----------
     rows : ndarray, shape (m,)
-        Which rows.
     gains : ndarray, shape (m,)
         The rows' change for one unit of the component.
     places
@@ -281,7 +280,6 @@ def unit_errors(
     Parameters
     ----------
     points_mm, tool_offsets_mm : ndarray, shape (n, 3) [mm]
-        Points and tool offsets.
 
     Returns
     -------
@@ -303,9 +301,7 @@ def places_of(code: str, points_mm: FloatArray, directions: FloatArray) -> Place
     Parameters
     ----------
     points_mm : ndarray, shape (n, 3) [mm]
-        Points.
     directions : ndarray, shape (n, 3)
-        Directions of approach.
 
     Returns
     -------

@@ -184,8 +184,6 @@ def columns_at(columns: Sequence[Column], zero: Zero, conditions: Conditions) ->
     ----------
     zero
         What temperatures are counted from.
-    conditions
-        What held then, and before.
     """
     taus = needed_signals(columns)
     past = {

@@ -64,7 +64,6 @@ class Shape(ABC):
         Parameters
         ----------
         driver : ndarray, shape (n,)
-            The driver.
 
         Returns
         -------

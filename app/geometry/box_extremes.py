@@ -79,8 +79,6 @@ def box_extremes(
 
     Parameters
     ----------
-    volume
-        The box; flat where an axis has no range.
     degrees
         Degree of the errors along x, y and z between those nodes, 1 or 2.
 
@@ -128,7 +126,6 @@ def error_extremes(
     Parameters
     ----------
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
     """
     degrees = [degree_along(field, axis) for axis in LINEAR_LETTERS]
     return box_extremes(lambda points: field.at(points, tool_offset_mm)[0], field, volume, degrees)

@@ -96,7 +96,6 @@ def compensation_levels(
         The work volume. Mean and rms are of an even lattice of its points, faces, edges
         and corners included; the largest is the true one of the volume (`box_extremes`).
     tool_offset_mm : array-like, shape (3,) [mm]
-        The present tool offset T.
 
     Returns
     -------

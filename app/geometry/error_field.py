@@ -135,7 +135,6 @@ class ErrorField:
         points_mm : array-like, shape (n, 3) [mm]
             Nominal positions x, y, z. Outside a table its end values hold.
         tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
-            Tool offset T.
 
         Returns
         -------

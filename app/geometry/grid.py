@@ -109,7 +109,6 @@ def sample_grid(
     x_mm, y_mm, z_mm : array-like, shapes (i,), (j,), (k,) [mm]
         Coordinates of the nodes, strictly increasing, at least two each.
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
 
     Raises
     ------
@@ -154,7 +153,6 @@ def checked_nodes(name: str, nodes_mm: ArrayLike) -> FloatArray:
     Parameters
     ----------
     nodes_mm : array-like, shape (k,) [mm]
-        The coordinates.
 
     Returns
     -------

@@ -134,7 +134,6 @@ def errors_on(
     Parameters
     ----------
     tool_offset_mm : ndarray, shape (3,) [mm]
-        Tool offset T.
     """
     errors_um, _ = field.at(points_of(*coordinates_mm), tool_offset_mm)
     return errors_um.reshape(*(c.size for c in coordinates_mm), 3)

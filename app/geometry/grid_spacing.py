@@ -79,13 +79,10 @@ def spacing_for_tolerance(
 
     Parameters
     ----------
-    field
-        The model: the errors at one thermal state.
     tolerance_um
         Largest length of the difference between trilinear interpolation and model
         that is accepted anywhere in the box [µm].
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
 
     Returns
     -------

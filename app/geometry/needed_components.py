@@ -26,7 +26,6 @@ def needed_components(
     Parameters
     ----------
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
-        Tool offset T.
     measuring_lines
         Axis to the line along which its translations were measured: lever arms, the
         tool's too, count from there.

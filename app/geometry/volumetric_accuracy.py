@@ -75,10 +75,6 @@ class VolumetricAccuracy:
         Of the sums 8.115–8.117: EAX + EAY + EAZ … [µrad].
     with_arms
         Of the volumetric error at the tool, lever arms and tool offset included [µm].
-    diagonals
-        Ed and ESd.
-    lines
-        ELv and ELSv.
     """
 
     linear: Spread
@@ -108,7 +104,6 @@ def volumetric_accuracy(
     Parameters
     ----------
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
 
     Raises
     ------

@@ -58,7 +58,6 @@ def volumetric_error(
     points_mm : array-like, shape (n, 3) [mm]
         Nominal positions x, y, z.
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
-        Tool offset T.
     measuring_lines
         Axis to the line along which its translations were measured: they then contain
         the rotation times that line's offset already (Y.-Y. Hsu 2011, 17–25), so lever
@@ -112,7 +111,6 @@ def sum_over_axes(
     points_mm : ndarray, shape (3, n) [mm]
         One row for each coordinate.
     tool_offset_mm : ndarray, shape (3,) or (3, n) [mm]
-        Tool offset T.
 
     Returns
     -------
@@ -190,7 +188,6 @@ def as_tool_offset(tool_offset_mm: ArrayLike, points: int) -> FloatArray:
     Parameters
     ----------
     tool_offset_mm : array-like, shape (3,) or (n, 3) [mm]
-        Tool offset T.
 
     Returns
     -------

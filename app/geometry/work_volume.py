@@ -69,11 +69,6 @@ class WorkVolume:
         -------
         ndarray, shape (n, 3) [mm]
             z varies fastest.
-
-        Raises
-        ------
-        InvalidContent
-            If there are fewer than 2.
         """
         if points_per_axis < 2:
             raise InvalidContent.of_field(

@@ -54,8 +54,6 @@ class Table:
         direction [µm].
     not_held
         Components that curves of one axis cannot hold, and half of each reversal, in words.
-    stale, complete
-        What the service says of its table.
     """
 
     curves: Curves

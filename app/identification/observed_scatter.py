@@ -80,13 +80,7 @@ class ObservedScatter:
 
 
 def observed_scatter(campaign: Campaign, residuals: Residuals) -> ObservedScatter:
-    """Decide what one observation scatters by, as an analysis of the same campaign does.
-
-    Parameters
-    ----------
-    residuals
-        The campaign's own.
-    """
+    """Decide what one observation scatters by, as an analysis of the same campaign does."""
     declared = residuals.as_rows().noise
     if (
         sum(channel_noise.repeatability is not None for channel_noise in declared.values())

@@ -24,13 +24,7 @@ NO_PAST = Past(LiveLags({}))
 
 
 class CarriedPast:
-    """One machine's past: `now` is replaced whole, so a reader never sees half of one.
-
-    Parameters
-    ----------
-    machine
-        Whose past; its sensors' settings say what can be believed.
-    """
+    """One machine's past: `now` is replaced whole, so a reader never sees half of one."""
 
     def __init__(self, machine: Machine, needed: Needed) -> None:
         self._machine = machine

@@ -272,7 +272,6 @@ class StraightEdge:
     Parameters
     ----------
     positions_mm : ndarray, shape (m,) [mm]
-        Where.
     measured_um : ndarray, shape (m,) [µm]
         Mean of all passes, as it came.
     deviations_um : ndarray, shape (m,) [µm]

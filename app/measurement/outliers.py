@@ -40,9 +40,7 @@ def far_from_the_rest(positions_mm: FloatArray, values: FloatArray) -> tuple[int
     Parameters
     ----------
     positions_mm : ndarray, shape (m,) [mm]
-        Where.
     values : ndarray, shape (m,) [any unit]
-        What.
 
     Returns
     -------

@@ -134,7 +134,6 @@ def fit_rows_and_columns(nominal_mm: FloatArray, errors_um: FloatArray) -> GridF
     nominal_mm : ndarray, shape (n, 2) [mm]
         Nominal x, y of the holes.
     errors_um : ndarray, shape (n, 2) [µm]
-        Their errors.
 
     Returns
     -------
@@ -233,7 +232,6 @@ def fit_scale_and_squareness(
     nominal_mm : ndarray, shape (n, 2) [mm]
         Nominal x, y of the holes, not on one line.
     errors_um : ndarray, shape (n, 2) [µm]
-        Their errors.
     repeatability_um
         Standard deviation of one coordinate [µm], where nothing shows the noise.
 

@@ -15,13 +15,7 @@ LINES: Final = ("least-squares", "end-points")
 
 
 def expect_line(field: str, line: str, lines: tuple[str, ...] = LINES) -> None:
-    """Refuse a reference line that nobody knows.
-
-    Raises
-    ------
-    InvalidContent
-        If it is none of them.
-    """
+    """Refuse a reference line that nobody knows."""
     if line not in lines:
         raise InvalidContent.of_field(field, f"expected {' or '.join(lines)}, got {line!r}")
 
@@ -142,7 +136,6 @@ def slope_of(positions_mm: FloatArray, values: FloatArray) -> float:
     positions_mm : ndarray, shape (m,) [mm]
         At least two different ones.
     values : ndarray, shape (m,) [µm]
-        The values.
 
     Returns
     -------

@@ -204,7 +204,6 @@ def path_error(
     ball_mm : array-like, shape (3,) [mm]
         The ball at angle 0.
     angle_deg : array-like, shape (n,) [°]
-        Angles of the path.
     axis
         `C` (BK2: X, Y and C together), `A` (BK1: Y, Z and A together) or `B`.
     compensated

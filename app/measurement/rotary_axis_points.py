@@ -49,9 +49,7 @@ def checked_points(angle_deg: ArrayLike, position_mm: ArrayLike) -> tuple[FloatA
     Parameters
     ----------
     angle_deg : array-like, shape (n,) [°]
-        Angles.
     position_mm : array-like, shape (n, 3) [mm]
-        Places.
 
     Returns
     -------
@@ -128,7 +126,6 @@ def checked_fit(
     points_mm : ndarray, shape (n, 3) [mm]
         Places of the ball: first, second, and the coordinate along the nominal axis.
     angles_rad : ndarray, shape (n,) [rad]
-        Angles.
     places : ndarray, shape (n,)
         Number of the angle that each point repeats.
 
@@ -188,7 +185,6 @@ def arc_deg(angles_rad: FloatArray) -> float:
     Parameters
     ----------
     angles_rad : ndarray, shape (n,) [rad]
-        Angles.
 
     Returns
     -------

@@ -51,7 +51,6 @@ class FittedPoints:
     points_mm : ndarray, shape (n, 3) [mm]
         The points, in the same coordinates.
     angles_rad : ndarray, shape (n,) [rad]
-        Their angles.
     repeatability_um
         Standard deviation of one coordinate as stated [µm], or None.
     """
@@ -240,7 +239,6 @@ def run_out(residuals_um: FloatArray, angles_rad: FloatArray) -> dict[str, float
     residuals_um : ndarray, shape (n, 3) [µm]
         Radial (outward), tangential and axial residual of every point.
     angles_rad : ndarray, shape (n,) [rad]
-        Its angle.
 
     Returns
     -------

@@ -235,8 +235,6 @@ def notes_on(
 
     Parameters
     ----------
-    axis
-        `x`, `y` or `z`.
     readings
         Code of each component that was read to its forward runs [µm; µrad].
     straightness_line

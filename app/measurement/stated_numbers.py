@@ -34,7 +34,6 @@ def as_array(field: str, values: ArrayLike, expected: str, rows: str = "rows") -
     Parameters
     ----------
     values : array-like
-        The numbers, of any shape.
     expected, rows
         What they are with their unit, and what their rows are, for the sentence.
 
@@ -70,7 +69,6 @@ def expect_plausible(
     Parameters
     ----------
     numbers : ndarray, of any shape [unit]
-        The numbers.
     hint
         What a larger one may be instead.
     what
@@ -128,7 +126,6 @@ def as_numbers(
     Parameters
     ----------
     values : array-like
-        The numbers, of any shape.
     unit, largest, hint
         As for `expect_plausible`.
 
@@ -157,7 +154,6 @@ def as_point(field: str, stated_mm: ArrayLike, largest: float = FARTHEST_MM) -> 
     Parameters
     ----------
     stated_mm : array-like, shape (3,) [mm]
-        Its x, y and z.
     largest
         Greatest coordinate that can be true [mm].
 
@@ -197,11 +193,6 @@ def as_standard_deviation(
     zero
         Whether 0 is allowed.
 
-    Returns
-    -------
-    float or None
-        The same.
-
     Raises
     ------
     InvalidContent
@@ -225,7 +216,6 @@ def suspiciously_small(field: str, readings: FloatArray, *, zeros: bool = False)
     Parameters
     ----------
     readings : ndarray, of any shape [µm]
-        The readings.
     zeros
         Whether readings that are all 0 are noted too.
     """

@@ -20,11 +20,6 @@ def expect_linear_axis(axis: str) -> None:
     ----------
     axis
         `x`, `y` or `z`.
-
-    Raises
-    ------
-    InvalidContent
-        If it is something else.
     """
     if axis not in tuple(LINEAR_LETTERS):
         raise InvalidContent.of_field("axis", f"expected axis x, y or z, got {axis!r}")
@@ -69,8 +64,6 @@ def stated_line(
 
     Parameters
     ----------
-    axis
-        `x`, `y` or `z`.
     point_mm, tool_offset_mm : array-like, shape (3,) [mm]
         As for `MeasuringLine`.
 

@@ -80,11 +80,6 @@ class StepWalk:
     def nodes_mm(self, axis: str) -> FloatArray:
         """Give the n + 1 positions at which an axis stands.
 
-        Parameters
-        ----------
-        axis
-            `x`, `y` or `z`.
-
         Returns
         -------
         ndarray, shape (n + 1,) [mm]
@@ -218,7 +213,6 @@ def suspicions(walk: StepWalk, readings_um: FloatArray) -> list[str]:
     Parameters
     ----------
     readings_um : ndarray, shape (m, n, 3) [µm]
-        The readings.
     """
     named = zip(walk.diagonals, readings_um, strict=True)
     return suspiciously_small("diagonals", readings_um, zeros=True) + [
@@ -297,13 +291,7 @@ def _check_travel(walk: StepWalk, travel_mm: Mapping[str, tuple[float, float]]) 
 
 
 def expect_options(chain: Chain, line: str, target: str) -> None:
-    """Refuse a machine without three axes, and lines and targets that nobody knows.
-
-    Raises
-    ------
-    InvalidContent
-        If an axis is missing, or a name is unknown.
-    """
+    """Refuse a machine without three axes, and lines and targets that nobody knows."""
     if len(chain.axes) < 3:
         raise InvalidContent.of_field(
             "configuration", f"expected a machine with axes x, y and z, got {chain.text}"
@@ -333,13 +321,7 @@ def expect_uncertainties(repeatability_um: float | None, mirror_angle_urad: floa
 
 
 def expect_angular(codes: Iterable[str]) -> None:
-    """Refuse known errors that are not angular errors of an axis.
-
-    Raises
-    ------
-    InvalidContent
-        If one is another component, or unknown.
-    """
+    """Refuse known errors that are not angular errors of an axis."""
     for code in codes:
         component = COMPONENTS.get(code)
         if component is None or component.axis is None or not component.is_rotation:

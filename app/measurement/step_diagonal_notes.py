@@ -204,7 +204,6 @@ def blunders_in(walk: StepWalk, increments_um: FloatArray, closure: FloatArray) 
     increments_um : ndarray, shape (4, 3, n) [µm]
         As `StepWalk.by_interval` gives them.
     closure : ndarray, shape (3, n) [µm]
-        Their closures.
 
     Returns
     -------

@@ -120,13 +120,7 @@ def step_diagonal_readings(
 
 
 def expect_target(target: str) -> None:
-    """Refuse a target that nobody knows.
-
-    Raises
-    ------
-    InvalidContent
-        If it is neither a `point` nor a `flat-mirror`.
-    """
+    """Refuse a target that nobody knows."""
     if target not in TARGETS:
         raise InvalidContent.of_field("target", f"expected {list_names(TARGETS)}, got {target!r}")
 

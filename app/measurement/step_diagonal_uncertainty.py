@@ -218,7 +218,6 @@ def neighbours_correlation(closure: FloatArray) -> float | None:
     Parameters
     ----------
     closure : ndarray, shape (3, n) [µm]
-        Closures.
 
     Returns
     -------

@@ -265,7 +265,6 @@ def noise_between_neighbours(times_s: FloatArray, values: FloatArray) -> float |
     Parameters
     ----------
     times_s, values : ndarray, shape (n,)
-        A course.
 
     Returns
     -------

@@ -55,7 +55,6 @@ class DistortedVolume:
     Parameters
     ----------
     tool_offset_mm : ndarray, shape (3,) [mm]
-        Tool offset T.
     exaggeration
         Drawn is nominal + exaggeration × error.
     worst_point_mm : ndarray, shape (3,) [mm]
@@ -84,7 +83,6 @@ class DistortedVolume:
         Parameters
         ----------
         tool_offset_mm : array-like, shape (3,) [mm]
-            Tool offset T.
 
         Raises
         ------

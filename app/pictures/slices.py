@@ -83,7 +83,6 @@ def slice_volume(
     exaggeration
         How many times larger than it is the error is drawn.
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
     worst_mm
         The place of the largest error, where it is to be marked [mm].
 

@@ -52,7 +52,6 @@ def work_volume_picture(
     volume
         The work volume; axes that the machine does not have are without length.
     tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T.
     title, subtitle
         Whose errors these are, and in which state; shown letter by letter.
     exaggeration

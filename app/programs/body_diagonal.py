@@ -37,8 +37,6 @@ def body_diagonal_program(
     ----------
     steps
         Equal parts of each diagonal.
-    runs
-        There and back, of each diagonal.
     origin_mm, step_mm
         Lowest corner, and what x, y and z move in one part; over the travel less the
         overrun where not stated [mm].

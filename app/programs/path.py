@@ -96,8 +96,6 @@ class Manner:
         ----------
         distance_mm
             The smallest from one reading to the next [mm].
-        what
-            Whose distance it is.
 
         Raises
         ------
@@ -143,13 +141,7 @@ def travel_of(machine: Machine, axis: str) -> Travel:
 
 
 def expect_three_axes(machine: Machine) -> None:
-    """Refuse a machine that lacks x, y or z, or the travel of one of them.
-
-    Raises
-    ------
-    InvalidContent
-        Which names what is missing.
-    """
+    """Refuse a machine that lacks x, y or z, or the travel of one of them."""
     if len(machine.chain.axes) < len(LINEAR_LETTERS):
         raise InvalidContent.of_field(
             "configuration", f"expected a machine with axes x, y and z, got {machine.chain.text}"

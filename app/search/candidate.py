@@ -45,11 +45,6 @@ class Expected(NamedTuple):
     def cost(self, amplitude: float, variance: float) -> float:
         """Give what the expectation costs against an amplitude that is entirely free.
 
-        Parameters
-        ----------
-        amplitude, variance
-            As estimated.
-
         Returns
         -------
         float

@@ -143,8 +143,6 @@ def smallest_effects(
     ----------
     states
         Channel to state, without terms; of the visits that take part.
-    chances
-        Of the library's candidates.
     rivals
         Whether each is also held against its rivals, which takes much longer.
     """
@@ -221,8 +219,6 @@ def informations(
         Channel to state on those visits, without terms.
     level, scatter
         Channel to its visit variances, and to the variance of one observation.
-    entries
-        Which entries are asked for.
 
     Returns
     -------

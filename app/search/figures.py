@@ -26,7 +26,6 @@ def figure(residuals: FloatArray, visit: IntArray, seed: int) -> Figure:
     residuals : ndarray, shape (n,)
         In any unit.
     visit : ndarray, shape (n,)
-        The visit of each.
 
     Examples
     --------

@@ -38,7 +38,6 @@ class Fit:
     amplitudes : ndarray, shape (k,)
         For columns of unit length, all terms one after the other.
     covariance : ndarray, shape (k, k)
-        Their covariance.
     level
         Channel to the set of visit variances that fits best.
     scatter

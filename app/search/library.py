@@ -186,7 +186,6 @@ class Library:
         Parameters
         ----------
         wanted : ndarray, shape (entries,)
-            Which.
 
         Returns
         -------

@@ -357,8 +357,6 @@ class Fitted:
 
     Parameters
     ----------
-    response
-        The set-ups.
     logarithms
         Of its scales.
     """

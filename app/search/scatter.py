@@ -372,13 +372,7 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 
 def scatters(blocks: Blocks) -> tuple[Scatter, ...]:
-    """List the sets of variances over which the likelihood is profiled.
-
-    Parameters
-    ----------
-    blocks
-        One channel's blocks.
-    """
+    """List the sets of variances over which the likelihood is profiled."""
     shifted, tilted = not bool(blocks.free.all()), len(blocks.own) > 1
     # Beside a wander the set-ups' own scatter is as assumed: a slow wander says the rest of it.
     wandering = [Scatter(1.0, 1.0, w, t) for w in WANDERS for t in CORRELATION_TIMES_MIN]

@@ -89,7 +89,6 @@ class Screened:
         Rows that are far from the others of their visit, those that take part all the same
         because they are too many included.
     values : ndarray, shape (n,)
-        The values that were screened.
     by_channel
         Each channel's rows that are far, and by how much.
     """

@@ -161,8 +161,6 @@ def revoke_key(
 
     Raises
     ------
-    UnknownThing
-        If there is none of this name.
     Conflict
         If it is the last one of an admin, unless `last_admin`.
     """

@@ -57,13 +57,9 @@ def adopt_analysis(
         has are then replaced by what they are refitted to beside them; beside others they stay.
     onto_active
         Whether to add them to the active version where another one was analysed.
-    accept_losses
-        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------
-    UnknownThing
-        If there is no such analysis.
     InvalidContent
         If the result has no effect at a place, or a place is named twice.
     Conflict
@@ -190,8 +186,6 @@ def version_with_effects(
     ----------
     refitted
         What becomes of effects that the active version has.
-    accept_losses
-        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------

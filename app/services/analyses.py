@@ -79,8 +79,6 @@ def plan_analysis(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine or verification.
     InvalidContent
         If nothing is planned or too much, a position is outside the axis' travel, or nothing
         recorded can be planned on.
@@ -144,8 +142,6 @@ def request_analysis(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine or verification.
     InvalidContent
         If there is no such kind of effect, a kind or a verification is named twice, or all
         verifications are meant and there is none.
@@ -204,8 +200,6 @@ def try_found_effect(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine, analysis, effect or verification.
     InvalidContent
         If a verification is named twice, or the machine is the one on which it was found.
     Conflict
@@ -272,8 +266,6 @@ def report_analysis(
 
     Raises
     ------
-    UnknownThing
-        If there is no such analysis.
     Conflict
         If it has no result.
     """
@@ -331,8 +323,6 @@ def cancel_analysis(context: Context, machine_id: str, analysis_id: int) -> Stor
 
     Raises
     ------
-    UnknownThing
-        If there is no such analysis.
     Conflict
         If it has an answer already, or failed.
     """
@@ -356,11 +346,6 @@ def delete_analysis(context: Context, machine_id: str, analysis_id: int) -> None
     """Delete an analysis; where it runs, its process is ended.
 
     A model version that was made of it stays.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such analysis.
     """
     with context.database.writing() as session:
         find_machine(session, machine_id)

@@ -113,8 +113,6 @@ def ask_field(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     NoReading
         If the latest reading is asked for and there is none that can be used.
     InvalidContent

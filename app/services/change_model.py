@@ -129,8 +129,6 @@ def changing_machine(context: Context, machine_id: str) -> Iterator[MachineChang
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     InvalidContent, Conflict
         If the maps, the assignment and the machine's sensors contradict each other.
     """
@@ -352,8 +350,6 @@ def choose_version(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine or version.
     Conflict
         If the machine has no model yet.
     """

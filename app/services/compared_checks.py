@@ -75,13 +75,7 @@ class ComparedChecks:
 
 
 def show_compared_checks(context: Context, machine_id: str, a: int, b: int) -> ComparedChecks:
-    """Hold two versions against a machine's newest checks.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Hold two versions against a machine's newest checks."""
     with context.database.reading() as session:
         find_machine(session, machine_id)
         stored = list_verifications(session, machine_id)

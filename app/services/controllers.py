@@ -178,13 +178,7 @@ def _joined(bands: Sequence[BandExport], joint: Joint) -> Export:
 
 
 def writable_components(context: Context, machine_id: str, controller: Format) -> Sequence[str]:
-    """List what an export would write at the latest reading; nothing where there is no table.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """List what an export would write at the latest reading; nothing where there is no table."""
     try:
         table, _ = _error_table(context, machine_id, FieldQuestion(None, missing_as_zero=True))
     except UnknownThing:

@@ -90,13 +90,7 @@ class MachineView:
 
 
 def show_machine_view(context: Context, machine_id: str) -> MachineView:
-    """Gather what the page of a machine shows.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Gather what the page of a machine shows."""
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
     view = MachineView(status, _courses(context, live), events=_latest_events(context, machine_id))

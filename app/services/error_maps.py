@@ -70,11 +70,6 @@ def store_error_map(
 ) -> StoredOnce:
     """Store a map, once, and make the model version that has it.
 
-    Parameters
-    ----------
-    accept_losses
-        Whether the version is activated although it loses something against the active one.
-
     Returns
     -------
     StoredOnce
@@ -355,11 +350,6 @@ def withdraw_map(context: Context, machine_id: str, map_id: int) -> None:
 
     If the active version contains it, the next version is the same without it, and active
     whatever it loses: that is what deleting means. A version that waits is made anew without it.
-
-    Raises
-    ------
-    UnknownThing
-        If the machine has no such map.
     """
     with changing_machine(context, machine_id) as change:
         row = find_error_map(change.session, machine_id, map_id)
@@ -373,13 +363,7 @@ def withdraw_map(context: Context, machine_id: str, map_id: int) -> None:
 
 
 def preview_withdrawal(context: Context, machine_id: str, map_id: int) -> Preview:
-    """Say what deleting a map would do to the tables, and delete nothing.
-
-    Raises
-    ------
-    UnknownThing
-        If the machine has no such map.
-    """
+    """Say what deleting a map would do to the tables, and delete nothing."""
     with reading_machine(context, machine_id) as change:
         row = find_error_map(change.session, machine_id, map_id)
         draft = _without(change, row)

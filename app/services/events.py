@@ -63,11 +63,6 @@ def show_events(
     ----------
     machine_id
         Of this machine; None for all, and what is about none.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
     """
     with context.database.reading() as session:
         if machine_id is not None:

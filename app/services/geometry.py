@@ -60,11 +60,6 @@ def check_components(
         Tool offset T [mm]: a lever arm of every rotation.
     preset
         Name of a kind of machine that is not rigid; None for a rigid one.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or preset.
     """
     kind = find_preset(preset) if preset is not None else None
     live = context.live.get(machine_id) or load_machine(context, machine_id)

@@ -193,8 +193,6 @@ def show_history(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine or sensor.
     InvalidContent
         If the times or the place cannot be right.
     """

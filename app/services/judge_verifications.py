@@ -82,8 +82,6 @@ def judge_verification(context: Context, machine_id: str, verification: Verifica
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     InvalidContent
         If its values are evidently in another unit. What cannot be judged for another reason
         is no error: the judgement says so.

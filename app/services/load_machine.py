@@ -29,8 +29,6 @@ def load_machine(context: Context, machine_id: str) -> LiveMachine:
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     StorageUnavailable
         If the database is away.
     """
@@ -92,8 +90,6 @@ def restore_past(context: Context, live: LiveMachine) -> None:
 
     Raises
     ------
-    UnknownThing
-        If the machine was deleted.
     StorageUnavailable
         If the database is away; all stays as it was, and can be restored later.
     """

@@ -65,11 +65,6 @@ def show_loop(context: Context, machine_id: str, analysis_id: int | None = None)
     ----------
     analysis_id
         Which analysis; None: the one that waits or runs, else the newest.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or analysis.
     """
     judge_before_showing(context, machine_id)
     with context.database.reading() as session:
@@ -108,13 +103,7 @@ class LeftOfCheck:
 
 
 def show_left_of_check(context: Context, machine_id: str, verification_id: int) -> LeftOfCheck:
-    """Hold one check against the active version, where that can be done.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or verification.
-    """
+    """Hold one check against the active version, where that can be done."""
     try:
         residuals = show_residuals(context, machine_id, [verification_id])
     except (InvalidContent, Conflict) as error:

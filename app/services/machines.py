@@ -122,8 +122,6 @@ def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithE
 
     Raises
     ------
-    UnknownThing
-        If there is no such version.
     InvalidContent, Conflict
         If the machine's present sensors no longer fit it.
     """
@@ -288,13 +286,7 @@ def _check_travels_fit(before: Machine, after: Machine, maps: list[StoredMap]) -
 
 @repeated
 def delete_machine(context: Context, machine_id: str) -> None:
-    """Delete everything about a machine.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Delete everything about a machine."""
     with context.database.writing(LONG) as session:
         session.delete(find_machine(session, machine_id, RowLock.DELETED))
         tell(session, NewsKind.MACHINE, machine_id)

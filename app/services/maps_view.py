@@ -45,11 +45,6 @@ def show_maps_view(
     ----------
     a, b
         The two versions to compare; without them the active one, with the one before it.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or version.
     """
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))

@@ -64,13 +64,7 @@ class Storing:
 
 
 def measured_machine(context: Context, machine_id: str) -> Machine:
-    """Describe the machine that is measured.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Describe the machine that is measured."""
     live = context.live.get(machine_id) or load_machine(context, machine_id)
     return live.current.model.machine
 

@@ -181,13 +181,7 @@ def _changes_between(before: CurrentTable, after: CurrentTable) -> PresentChange
 
 
 def compare_now(context: Context, machine_id: str, first: int, other: int) -> PresentChange:
-    """Say by how much tables with one version differ from those with another at the latest reading.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine or version.
-    """
+    """Say by how much tables with two versions differ at the latest reading."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         machine = stored_machine(row).machine
@@ -239,8 +233,6 @@ def activate_model(context: Context, machine_id: str, version: int) -> MadeVersi
 
     Raises
     ------
-    UnknownThing
-        If there is no such version.
     InvalidContent, Conflict
         If the machine's present sensors no longer fit it.
     """
@@ -295,8 +287,6 @@ def assign_sensors(
     ----------
     assignment
         Component code, or a pattern of the maps' codes such as `E*X`, to sensor.
-    accept_losses
-        Whether the version is activated although it loses something against the active one.
 
     Raises
     ------

@@ -87,8 +87,6 @@ def predict_errors(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine or version.
     InvalidContent
         If a component is not in the model, a position outside the axis' travel, or a point
         needs a component that no two maps have.

@@ -397,13 +397,7 @@ def reading_of_time(context: Context, machine_id: str, time: datetime) -> Readin
 
 
 def withdraw_reading(context: Context, machine_id: str, time: datetime) -> int:
-    """Withdraw the reading of one time; there is 1.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine, or no reading of that time.
-    """
+    """Withdraw the reading of one time; there is 1."""
     count = withdraw_readings(context, machine_id, time, time)
     if not count:
         raise UnknownThing(
@@ -421,8 +415,6 @@ def withdraw_readings(context: Context, machine_id: str, since: datetime, until:
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     InvalidContent
         If the second time is before the first.
     """

@@ -143,8 +143,6 @@ def show_residuals(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine, version or verification.
     InvalidContent
         If nothing can be compared with the model, or values are evidently in another unit.
     Conflict
@@ -198,8 +196,6 @@ def compare_models(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine, version or verification.
     InvalidContent
         If a version or a verification is named twice, or nothing is common to all versions.
     """

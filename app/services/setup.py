@@ -30,13 +30,7 @@ class SetupView:
 
 
 def show_setup(context: Context, machine_id: str) -> SetupView:
-    """Gather what the page of a machine's set-up shows.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Gather what the page of a machine's set-up shows."""
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
     machine = live.current.model.machine

@@ -44,24 +44,13 @@ def show_status(context: Context, machine_id: str) -> MachineStatus:
     """Say whether a machine can be trusted now.
 
     While the database is away the verdict goes on from memory; the watch is then not judged.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
     """
     live = machine_in_memory(context, machine_id)
     return status_of(context, live, stored_of_machines(context))
 
 
 def machine_in_memory(context: Context, machine_id: str) -> LiveMachine:
-    """Find a machine in memory, or bring it and its latest readings there.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
-    """
+    """Find a machine in memory, or bring it and its latest readings there."""
     live = context.live.get(machine_id) or load_machine(context, machine_id)
     if lacks_reading(context, live) and context.live.database.trouble is None:
         with suppress(StorageUnavailable):

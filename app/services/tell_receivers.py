@@ -164,11 +164,6 @@ def ask_for_test_message(context: Context, name: str, seen: Collection[str]) -> 
     ----------
     seen
         Names of the receivers of which the one who asks may know.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such receiver.
     """
     now = context.now()
     with context.database.writing() as session:
@@ -295,13 +290,7 @@ def _announced(lasting: Sequence[Event], before: Announced | None, now: datetime
 
 
 class ReceiverTelling(Background):
-    """Sends messages to the receivers of a file; of several services on one database, one does.
-
-    Parameters
-    ----------
-    receivers
-        Who is told.
-    """
+    """Sends messages to the receivers of a file; of several services on one database, one does."""
 
     def __init__(self, context: Context, receivers: Sequence[Receives]) -> None:
         super().__init__("notify", context.database.duty(TELLING_DUTY) if receivers else None)

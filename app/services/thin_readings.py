@@ -80,13 +80,7 @@ class ReadingThinner:
         self._reached: dict[str, Thinning] = {}
 
     def thin_some(self, machine_id: str, most: int) -> tuple[int, bool]:
-        """Go over so many readings at most; say how many were deleted, and whether more wait.
-
-        Raises
-        ------
-        UnknownThing
-            If there is no such machine.
-        """
+        """Go over so many readings at most; say how many were deleted, and whether more wait."""
         before = self._context.now() - max(self._after, self._read_again(machine_id))
         thinning = self._reached.get(machine_id)
         going = Thinning(datetime.min.replace(tzinfo=before.tzinfo))

@@ -123,8 +123,6 @@ def check_verification(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     InvalidContent, Conflict
         As `store_verification`.
     """
@@ -146,11 +144,6 @@ def remarks_on_verification(
     ----------
     components
         What was observed: codes, and `points`.
-
-    Raises
-    ------
-    UnknownThing
-        If there is no such machine.
     """
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
@@ -328,11 +321,6 @@ def delete_verification(context: Context, machine_id: str, verification_id: int)
     """Delete a verification; analyses of it keep their results.
 
     The watch that had judged it is computed anew from those that it judged beside it.
-
-    Raises
-    ------
-    UnknownThing
-        If the machine has no such verification.
     """
     with context.database.writing() as session:
         machine = find_machine(session, machine_id, RowLock.CHANGED)
@@ -397,8 +385,6 @@ def show_watch(context: Context, machine_id: str) -> Watch:
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     Conflict
         If it has no model yet.
     """

@@ -89,8 +89,6 @@ def show_volume(
 
     Raises
     ------
-    UnknownThing
-        If there is no such machine.
     InvalidContent
         If the exaggeration draws no picture.
     """

@@ -24,8 +24,6 @@ class StoredShape(Generic[Shape]):
 
     Parameters
     ----------
-    shape
-        The class.
     upgrades
         Each makes version n + 1 of version n; as many as the version that is written.
     """

@@ -163,7 +163,6 @@ def beyond_tables(
     weights : ndarray, shape (n, M)
         How much of each map enters; NaN where that is not known.
     positions_mm : ndarray, shape (n,) [mm]
-        Where.
     """
     low, high = common_ranges(member, weights)
     there = ((positions_mm < low) | (positions_mm > high)) & ~np.isnan(weights).any(axis=1)

@@ -48,11 +48,6 @@ def reversed_components(
     Where there are no such two, the nearest one alone does not foretell how errors change with
     temperature. Then only what no change of temperature explains is a mistake: a large error of
     nearly the same temperature.
-
-    Parameters
-    ----------
-    assignment
-        Component to the sensor that it follows.
     """
     codes = []
     for code, table in error_map.tables.items():

@@ -51,7 +51,6 @@ class TemperatureHistory:
         Parameters
         ----------
         times_s : array-like, shape (m,) [s]
-            When.
         max_gap_s
             Neighbouring readings further apart than this are not bridged [s]; the
             last reading also serves alone for this long after it.
@@ -81,7 +80,6 @@ def between_readings(
     times_s, values : ndarray, shape (n,) [s], [°C]
         Readings in order of time, none of them NaN.
     wanted_s : array-like, shape (m,) [s]
-        When.
 
     Returns
     -------

@@ -103,7 +103,6 @@ def check_covariance(
     Parameters
     ----------
     covariance : ndarray, shape (n, n) or (n,) [component.unit squared]
-        The covariance.
 
     Raises
     ------
@@ -142,7 +141,6 @@ def variances_of(covariance: FloatArray) -> FloatArray:
     Parameters
     ----------
     covariance : ndarray, shape (n, n) or (n,) [unit squared]
-        A covariance.
 
     Returns
     -------
@@ -157,7 +155,6 @@ def standard_errors_of(covariance: FloatArray) -> FloatArray:
     Parameters
     ----------
     covariance : ndarray, shape (n, n) or (n,) [unit squared]
-        A covariance.
 
     Returns
     -------
@@ -180,7 +177,6 @@ def without_zeros(covariance: FloatArray) -> FloatArray:
     Parameters
     ----------
     covariance : ndarray, shape (n, n) or (n,) [unit squared]
-        A covariance.
 
     Returns
     -------
@@ -205,7 +201,6 @@ def propagate(jacobian: ArrayLike, covariance: FloatArray) -> FloatArray:
     jacobian : array-like, shape (m, n)
         What each of m results gains from each of n errors.
     covariance : ndarray, shape (n, n) or (n,) [unit squared]
-        Covariance of the errors.
 
     Returns
     -------

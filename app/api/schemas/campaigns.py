@@ -23,13 +23,7 @@ def campaign_of_bodies(
     readings: Sequence[Body],
     verification_bodies: Sequence[Body],
 ) -> Campaign:
-    """Read bodies of HTTP requests.
-
-    Parameters
-    ----------
-    machine_body, map_bodies, readings, verification_bodies
-        A machine, its error maps, readings and verifications, as they are sent.
-    """
+    """Read bodies of HTTP requests."""
     machine = MachineSettings.model_validate(machine_body).to_machine()
     maps = [ErrorMapSchema.model_validate(body).to_error_map() for body in map_bodies]
     read = [ReadingSchema.model_validate(body).to_reading() for body in readings]

@@ -134,13 +134,7 @@ def add_effects(
 
 
 def sureness(effect: Effect, moment: Conditions) -> list[Sureness]:
-    """Say how sure a response is at a moment; nothing of other effects.
-
-    Parameters
-    ----------
-    moment
-        Conditions of one moment.
-    """
+    """Say how sure a response is at a moment; nothing of other effects."""
     sure = []
     for term in effect.terms:
         if isinstance(term.driver, Responding):

@@ -106,12 +106,9 @@ def growths(
 
     Parameters
     ----------
-    valid
-        The ranges in which it was learnt.
     amplitudes
         For each of k amplitudes its terms, with coefficient 1.
     coefficients, covariance : ndarray, shape (k,) and (k, k)
-        What was found.
     noise
         Channel to the standard deviation of one observation.
 

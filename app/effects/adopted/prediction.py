@@ -41,7 +41,6 @@ class AskedPlaces:
     points_mm : ndarray, shape (n, 3) [mm]
         Points; of a component only the coordinate of its axis counts.
     tool_offsets_mm : ndarray, shape (n, 3) [mm]
-        Tool offsets.
     directions : ndarray, shape (n, 3)
         Approach of x, y, z: +1, −1, or 0 for the mean of both.
     """

@@ -55,7 +55,6 @@ class ChannelEntries:
     Parameters
     ----------
     rows : ndarray, shape (m,)
-        Its rows.
     columns : sparse array, shape (m, e)
         Change of each row for one standard error of each entry, by entries of all components:
         the same e for all channels.

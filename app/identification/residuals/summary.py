@@ -77,7 +77,6 @@ def summarise(
     Parameters
     ----------
     values : ndarray, shape (n,) [the channels' units]
-        The residuals.
     scatter_um : ndarray, shape (n,)
         Standard deviation of each by repeatability alone [µm], where that is known.
 
@@ -114,7 +113,6 @@ def curves_along(
     values : ndarray, shape (n,)
         The residuals of all rows, those that are chosen in one unit.
     chosen : ndarray, shape (n,)
-        Which rows.
     scatter : ndarray, shape (n,)
         Standard deviation of each by repeatability alone, in its unit, where that is known.
     fewest

@@ -157,8 +157,6 @@ class Noise:
 
         Parameters
         ----------
-        repeatability
-            A stated standard deviation.
         maps
             Change of the visit's rows for one standard error of each entry, shape (m, p).
         """

@@ -39,8 +39,6 @@ def events_page(
 
     Parameters
     ----------
-    receivers
-        Who is told of the machine's alarms.
     kind
         One of `KINDS` that the list is held to; empty for all.
     before

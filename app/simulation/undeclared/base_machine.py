@@ -102,11 +102,6 @@ def make_machine(
     Parameters
     ----------
     map_temperatures_c : mapping of sensor to ndarray, shape (M,) [°C]
-        The thermal states.
-
-    Returns
-    -------
-    BaseMachine
     """
     geometric, thermal = {}, {}
     for code, component in COMPONENTS.items():
@@ -164,12 +159,6 @@ def machine_body(identifier: str, name: str, sensors: list[dict[str, object]]) -
     ----------
     identifier, name
         For URLs, and for people.
-    sensors
-        The sensors as the service takes them.
-
-    Returns
-    -------
-    dict
     """
     return {
         "id": identifier,

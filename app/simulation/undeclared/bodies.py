@@ -48,10 +48,6 @@ def one_verification(truth: Truth, history: History, conditions: Conditions) -> 
     conditions
         Datum, and what is stated.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     ValueError
@@ -115,10 +111,6 @@ def prediction_bodies(
     ----------
     conditions
         When the first reading was taken.
-
-    Returns
-    -------
-    list of dict
     """
     times = _iso(observations.time_min, conditions)
     states = _dicts({n: history.hold(s, observations.time_min) for n, s in history.state.items()})

@@ -96,10 +96,6 @@ class Campaign:
         ----------
         every_min
             Length of a stretch [min]; None: a visit, or a block of a record.
-
-        Returns
-        -------
-        list of dict
         """
         return many_verifications(self.truth, self.history, self.conditions, every_min)
 
@@ -141,10 +137,6 @@ def make_campaign(
         repeatability (of 1 µm where that is zero).
     **conditions
         Fields of `Conditions`.
-
-    Returns
-    -------
-    Campaign
 
     Raises
     ------

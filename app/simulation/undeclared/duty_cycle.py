@@ -62,10 +62,6 @@ def make_duty_cycle(rng: np.random.Generator, days: int) -> DutyCycle:
     ----------
     days
         How many; every seventh, counted from the first Monday, is a day of rest.
-
-    Returns
-    -------
-    DutyCycle
     """
     n = days * DAY_MIN
     names = ("spindle_rpm", "feed_mm_per_min", "payload_kg", "coolant")

@@ -109,10 +109,6 @@ def make_history(
         Whole days from the first reading, which is taken at a midnight.
     steps_min
         When spindle steps begin, in minutes since the first reading, and how long they take.
-
-    Returns
-    -------
-    History
     """
     duty = make_duty_cycle(rng, HIDDEN_DAYS + days)
     if steps_min is not None:

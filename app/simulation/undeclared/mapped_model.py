@@ -61,11 +61,6 @@ def entry_weights(
 ) -> FloatArray:
     """Say how each value of the prediction depends on each entry of the maps.
 
-    Parameters
-    ----------
-    maps, record, observations
-        As for `predict`.
-
     Returns
     -------
     ndarray, shape (m, entries)

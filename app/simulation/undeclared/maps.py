@@ -93,10 +93,6 @@ def measure_maps(
         Source of chance; the errors drawn for a component do not depend on the others.
     machine
         Without its undeclared effect, or what of it the maps do not contain.
-
-    Returns
-    -------
-    MeasuredMaps
     """
     count = conditions.maps
     errors = {

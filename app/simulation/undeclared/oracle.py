@@ -75,10 +75,6 @@ def fit_oracle(
     refit_maps
         Whether maps and set-up are nuisances of the fit.
 
-    Returns
-    -------
-    OracleFit
-
     Raises
     ------
     ValueError

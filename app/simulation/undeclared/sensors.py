@@ -62,10 +62,6 @@ def read_sensors(
         What a faulty sensor shows instead of the truth, in all minutes of the history.
     visit_starts_min : ndarray, shape (v,) [min]
         Stand-stills are chosen so that each covers a visit's beginning.
-
-    Returns
-    -------
-    SensorRecord
     """
     minutes = history.since_first_reading(history.minutes)
     noise = rng.standard_normal((len(SENSORS), minutes.size)) * conditions.sensor_noise_c

@@ -145,10 +145,6 @@ class Setting:
             The component, whose sensor the model follows.
         at_maps : ndarray, shape (M,)
             The driver in the maps' thermal states.
-
-        Returns
-        -------
-        function
         """
         sensor = COMPONENTS[code].sensor
         nodes = self.machine.map_temperatures_c[sensor]

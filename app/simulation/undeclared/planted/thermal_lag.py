@@ -63,10 +63,6 @@ def late_error(setting: Setting, code: str, late_c: FloatArray) -> ErrorFunction
     ----------
     late_c : ndarray, shape (n,) [°C]
         Late temperature in all minutes of the history.
-
-    Returns
-    -------
-    function
     """
     table = setting.machine.table(code)
     axis = COMPONENTS[code].axis or 0

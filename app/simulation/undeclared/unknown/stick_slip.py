@@ -44,7 +44,6 @@ def stored_strain(
     rng
         Source of chance: the joint never holds twice the same.
     temperatures_c : ndarray, shape (n,) [°C]
-        What strains it.
     holds_c
         Usual strain at which it slips, as the change of temperature that makes it [K].
 
