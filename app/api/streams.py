@@ -257,7 +257,7 @@ class TableStreams:
             await asyncio.sleep(LOOK_EVERY_S)
             try:
                 now_s = time.monotonic()
-                is_new = await self._read_log(now_s)
+                is_new = self._log.is_due(now_s) and await self._log.ask(now_s)
                 is_changed = self._context().database.log_mark is not self._log_mark
                 if is_changed or now_s - self._asked_s >= ASK_EVERY_S:
                     await self._ask()
@@ -272,10 +272,6 @@ class TableStreams:
         self._log_mark = self._context().database.log_mark
         with as_service():
             self._stored = await run_in_threadpool(stored_of_machines, self._context())
-
-    async def _read_log(self, now_s: float) -> bool:
-        """Read the log where that is due; True where something is new."""
-        return self._log.is_due(now_s) and await self._log.ask(now_s)
 
     def _wake_all(self) -> None:
         self._news, news = asyncio.Event(), self._news

@@ -265,11 +265,6 @@ def _is_converted(column: Column) -> bool:
     return column.unit != UNIT_OF_COMPONENT and column.unit not in _OWN_UNITS
 
 
-def _fits(column: Column, component: Component) -> bool:
-    """Say whether a column's unit can be a component's."""
-    return component.unit in COMPONENT_UNITS[column.unit]
-
-
 def _component_of(table: _Table, row: Row) -> Component | None:
     name = table.columns.word(row, "component")
     match = find_component(name)
@@ -323,7 +318,7 @@ def _complain_of_position(columns: Columns, row: Row, component: Component) -> N
 
 def _columns_for(columns: Sequence[Column], component: Component) -> Sequence[Column]:
     """Find the columns of a component's unit; the only column serves every unit."""
-    fitting = [column for column in columns if _fits(column, component)]
+    fitting = [column for column in columns if component.unit in COMPONENT_UNITS[column.unit]]
     if not fitting and len(columns) == 1 and not _is_converted(columns[0]):
         return columns
     return fitting

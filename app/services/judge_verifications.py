@@ -38,7 +38,6 @@ from app.storage.verifications import (
     write_judgement,
 )
 from app.storage.watches import StoredWatch, find_watch, write_watch
-from app.thermal.machine import Machine
 
 log = logging.getLogger("thermap")
 
@@ -149,14 +148,10 @@ def _has_readings(
     context: Context, session: Session, machine_id: str, stored: StoredVerification
 ) -> bool:
     machine = stored_machine(find_machine(session, machine_id)).machine
-    near = _near(machine)
+    # So far from an observation a reading may be that counts for it.
+    near = timedelta(seconds=max((s.max_age_s for s in machine.sensors.values()), default=0.0))
     newest = newest_time(session, machine_id, min(stored.last_at + near, context.usable_until()))
     return newest is not None and newest >= stored.last_at - near
-
-
-def _near(machine: Machine) -> timedelta:
-    """Say how far from an observation a reading may be that counts for it."""
-    return timedelta(seconds=max((s.max_age_s for s in machine.sensors.values()), default=0.0))
 
 
 def _judge_late(context: Context, machine_id: str, verification_id: int) -> None:

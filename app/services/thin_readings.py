@@ -12,7 +12,6 @@ from app.storage.error_maps import measured_times
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.readings import delete_readings_at, readings_after
 from app.storage.verifications import observed_spans
-from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 
 LOOKED_BACK_ON: Final = timedelta(days=31)
@@ -92,7 +91,8 @@ class ReadingThinner:
             maps, visits = measured_times(session, row.id), observed_spans(session, row.id)
             spared = [(at - LOOKED_BACK_ON, at + AFTER_A_MAP) for at in maps]
             spared += [(first - LOOKED_BACK_ON, last) for first, last in visits]
-            every_s = self._interval_s(stored_machine(row).machine)
+            sensors = stored_machine(row).machine.sensors.values()
+            every_s = min([self._every_s, *(s.max_age_s / 2.0 for s in sensors)])
             due = [reading for reading in old if reading.time < before]
             times = going.pass_over(due, every_s, spared)
             delete_readings_at(session, machine_id, times)
@@ -102,6 +102,3 @@ class ReadingThinner:
     def _read_again(self, machine_id: str) -> timedelta:
         live = self._context.live.get(machine_id)
         return timedelta(seconds=0.0 if live is None else live.past.record_s)
-
-    def _interval_s(self, machine: Machine) -> float:
-        return min([self._every_s, *(s.max_age_s / 2.0 for s in machine.sensors.values())])

@@ -63,7 +63,7 @@ def reversed_components(
             nearest = min(
                 ordered, key=lambda candidate: abs(candidate.temperatures_c[sensor] - t_c)
             )
-            foretold = _as_at(table, nearest)
+            foretold = _foretold(table, [(1.0, nearest.tables[table.component.code])])
             least = _most_change(table, _apart_k(error_map, nearest))
         if foretold is None:
             continue
@@ -90,11 +90,6 @@ def _along_line(
         return None
     share = (t_c - low_c) / span
     return _foretold(table, [(1 - share, low), (share, high)])
-
-
-def _as_at(table: ComponentTable, other: ErrorMap) -> tuple[FloatArray, FloatArray] | None:
-    """Give a component's errors, and what one other map says of the same places; None if none."""
-    return _foretold(table, [(1.0, other.tables[table.component.code])])
 
 
 def _foretold(

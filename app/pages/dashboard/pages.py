@@ -245,7 +245,10 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "more": "" if status.verdict is Verdict.TRUSTED else all_said(status.sentences, now),
         "leading": leading,
         "course": course,
-        "is_old": leading is None or leading.health is not Health.OK or _is_old(status),
+        # Numbers that stand still look so too.
+        "is_old": leading is None
+        or leading.health is not Health.OK
+        or status.state is State.NO_READING,
         "health": _health_words(leading),
         "length": round(100.0 * abs(status.largest.value) / largest, 1)
         if status.largest is not None and largest > 0.0
@@ -352,11 +355,6 @@ def _health_words(sensor: SensorNow | None) -> str:
     if sensor.health is Health.STALE and sensor.age_s is not None:
         return _("%(age)s old", age=age(sensor.age_s))
     return said(_HEALTHS[sensor.health])
-
-
-def _is_old(status: MachineStatus) -> bool:
-    """Whether numbers stand still: they look so too."""
-    return status.state is State.NO_READING
 
 
 def _axes(curves: Sequence[Curve], chosen: Mapping[str, str]) -> list[dict[str, Any]]:

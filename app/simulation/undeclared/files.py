@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.simulation.undeclared.campaign import Campaign
-from app.simulation.undeclared.truth import Truth
 
 
 def campaign_files(campaign: Campaign) -> dict[str, Any]:
@@ -54,15 +53,11 @@ def truth_body(campaign: Campaign) -> dict[str, Any]:
             {"sensor": s.sensor, "from_min": s.from_min, "to_min": s.to_min}
             for s in campaign.record.standstills
         ],
-        "residual_rms": _residuals(truth),
+        "residual_rms": {name: round(rms, 6) for name, rms in truth.rms_by_group_um().items()},
         # A record has no visits to hold out; it is judged by what is true later.
         "oracle": None if campaign.conditions.is_record else _oracle(campaign),
         "later": _later(campaign),
     }
-
-
-def _residuals(truth: Truth) -> dict[str, float]:
-    return {name: round(rms, 6) for name, rms in truth.rms_by_group_um().items()}
 
 
 def _later(campaign: Campaign) -> dict[str, Any]:

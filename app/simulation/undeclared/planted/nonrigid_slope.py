@@ -26,7 +26,9 @@ VARIANTS: Final = ("linear", "angular")
 
 def plant(setting: Setting, variant: str) -> Effect:
     """Let one component grow with the position of another axis."""
-    code = setting.choose_component(TRANSLATIONS if variant == "linear" else _levered())
+    # The roll of Z turns about the tool, and does not move its tip.
+    levered = [code for code in ROTATIONS if code != "ECZ"]
+    code = setting.choose_component(TRANSLATIONS if variant == "linear" else levered)
     axis = COMPONENTS[code].axis
     other = int(setting.rng.choice([i for i in range(3) if i != axis]))
     profile = Profile(code, float(setting.rng.uniform(-0.3, 0.3)), 1.0)
@@ -44,8 +46,3 @@ def plant(setting: Setting, variant: str) -> Effect:
             strengths=profile.named("_per_m"),
         )
     )
-
-
-def _levered() -> list[str]:
-    """Rotations that move a tool's tip: not the roll of Z, which turns about the tool."""
-    return [code for code in ROTATIONS if code != "ECZ"]
