@@ -220,6 +220,16 @@ class Sender:
             self._refused -= who
 
 
+#    offer ─────> _open, by machine and time ─────> _kept ─────────────> STORED
+#      │           until the window is over,         │ the oldest first, a machine's together
+#      │           all usual sensors are there,      │
+#      │           or one is contradicted            ├─ database away: they stay
+#      │                                             ├─ refused: without the sensors to blame
+#      └─ no number, no zone: REFUSED                │    the rest is stored, they are REFUSED
+#                                                    └─ too many: one of whom has most is
+#                                                         DROPPED
+#
+# Each future ends with one of the three fates, whatever happens: who acknowledges waits for it.
 class Intake:
     """Takes values of all connections; `run` stores them until it is cancelled, `end` is last.
 

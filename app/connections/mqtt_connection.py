@@ -315,6 +315,9 @@ class MqttConnection(TellsTables):
 
 def _settle_when_told(link: Link, message: Arrived, fates: Sequence[asyncio.Future[Fate]]) -> None:
     """Acknowledge a message when all that it said is stored, or refused for good."""
+    # A message may say many things, and each becomes part of another reading: it is acknowledged
+    # with the last of them. Where one is dropped the message may not be acknowledged at all, and so
+    # none that came after it: contact is broken off, and the broker begins again from the oldest.
     waiting = set(fates)
     if not waiting:
         link.settle(message)

@@ -112,6 +112,17 @@ class Arrived:
     is_settled: bool = False
 
 
+# A message of QoS 1, from the broker until the broker may forget it:
+#
+#    network's thread           event loop
+#    _on_message ──────> _waiting ──_next──> _unsettled ──settle──> PUBACK
+#     waits while more            what it says is stored        in the order in which they came
+#     than MOST_UNREAD_BYTES
+#     are unread
+#
+# Nothing is acknowledged before it is stored. `receive_maximum` bounds what is under way: a slow
+# database slows the broker down, which keeps the rest in its session. When contact is lost the
+# broker sends again what was not acknowledged; what of that had been stored is found there already.
 class Link:
     """A contact; `opened` makes one."""
 
@@ -321,6 +332,8 @@ class Link:
             self._note_read(message)
             self._unsettled.append(message)
             return message
+        # Of QoS 0 the broker keeps nothing back, so the same bound is set here, and the oldest give
+        # way.
         if self._loose and self._loose_taken < self._broker.receive_maximum:
             self._loose_taken += 1
             return self._take_loose()

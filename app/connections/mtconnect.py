@@ -99,6 +99,7 @@ class AgentFollower(Follower):
     async def _poll(self, since: int) -> None:
         streams = await self.agent.sample(since)
         self._hand_on(streams, self.place.take_sample(streams))
+        # After a full answer more is there already, and the buffer goes on overwriting the oldest.
         if len(streams.observations) < self.agent.most_at_once or self.place.next_sequence is None:
             await asyncio.sleep(self._every_s)
 

@@ -79,6 +79,8 @@ class Parts:
             # Without a length a document ends where the next begins.
             length = self._buffer.find(self._mark, self._looked_to)
             if length < 0:
+                # The mark may begin at the end of what has come; what lies before is not searched
+                # twice.
                 self._looked_to = max(0, len(self._buffer) - len(self._mark))
                 return None
         if len(self._buffer) < length:

@@ -9,6 +9,16 @@ from app.connections.mtconnect_documents import Observation, Streams
 from app.errors import counted
 
 
+#                   /probe, /current
+#    no place ────────────────────────────> at `next_sequence` ───┐ /sample, same instanceId: what
+#     ^  ^                                     │    │        ^   │ is numbered from there on; where
+#     │  └── instanceId changed: restarted ────┤    │        └───┘ the agent's first is behind it,
+#     │  └── the sequence went back ───────────┘    │              the rest was overwritten
+#     │                                            │
+#     └── OUT_OF_RANGE: overwritten, `leave` ──────┘ /current alone: the items are the same
+#
+# Numbers mean something within one instance only. After a restart the agent counts from elsewhere,
+# and may have other data items: these are found anew, and what was observed in between is lost.
 @dataclass(slots=True)
 class Place:
     """The place in an agent's sequence; without one, `/current` is to be asked for.

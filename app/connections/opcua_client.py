@@ -55,6 +55,25 @@ STILL_S: Final = 12.0
 """A server whose own time stands still for so long does nothing any more [s]."""
 
 
+# A follower's life, again and again (`keep_running`):
+#
+#    open a session ─> find nodes and units ─> subscribe ─> look, every LOOK_EVERY_S
+#          ^                                                 │
+#          └─────────── SubscriptionDied, ContactLost ───────┤ ended by the server, contact lost
+#                                                            │ nothing published for `_silence_s`
+#                                                            │ its clock stands still for STILL_S
+#                                                            │ a node is there that was unknown
+#                                                            │ a node differs for `_patience_s`
+#
+# And what is believed of one node, each time that all are read:
+#
+#             read as it was told
+#    told ────────────────────────────> confirmed: handed on again after `repeated_s`
+#     │ ^  read as it was told
+#     v │
+#    doubted ── for `_patience_s` ────> SubscriptionDied
+#     ^ │ told something meanwhile: the doubt begins anew
+#     └─┘
 class ContactLost(ThermapError):
     """There is no contact with the server; the sentence says why."""
 
@@ -158,12 +177,15 @@ class ServerFollower(Follower):
         parameters = ua.CreateSubscriptionParameters()
         parameters.RequestedPublishingInterval = 1000.0 * self._publishing_s
         parameters.RequestedMaxKeepAliveCount = max(1, round(KEEP_ALIVE_S / self._publishing_s))
+        # At least three times the keep-alive, which is what the standard asks for.
         parameters.RequestedLifetimeCount = max(
             3 * parameters.RequestedMaxKeepAliveCount, round(LIFETIME_S / self._publishing_s)
         )
         self._heard_at = _clock()
         subscription = await session.create_subscription(parameters, self._published)
         interval_s = subscription.RevisedPublishingInterval / 1000.0
+        # By what the server has made of what was asked for, which may be much slower. One sign of
+        # life may be missing.
         self._silence_s = 2.0 * interval_s * subscription.RevisedMaxKeepAliveCount + ANSWER_S
         self._patience_s = max(self._publishing_s, interval_s) + 1.0
         names = list(self._nodes)
@@ -205,6 +227,8 @@ class ServerFollower(Follower):
                 f"{self._followed[name].source}",
             )
             return
+        # A change is sampled, then published: until it could have been told, to read something else
+        # is no contradiction.
         slowest_s = max(0.0, result.RevisedSamplingInterval / 1000.0) + self._publishing_s + 1.0
         self._patience_s = max(self._patience_s, slowest_s)
 

@@ -38,6 +38,17 @@ class Heard(NamedTuple):
     is_gone: bool = False
 
 
+#               NBIRTH                   the next number (255, then 0)
+#    unheard ───────────> born ──────────────────────────────────┐
+#     ^                    │ │ ^                                 │
+#     │      NDEATH        │ │ └─────────────────────────────────┘
+#     ├────────────────────┘ │ another number: messages are missing
+#     │                      v
+#     └────── NDEATH ────── unsure ──── NBIRTH (`rebirths_due` asks for it) ──> born
+#
+# A message may have a metric's alias in place of its name and type, which only the birth says, and
+# one that is missing may have been a birth: of a node that is unsure metrics with names alone are
+# read.
 @dataclass(slots=True)
 class _Node:
     seq: int | None = None
@@ -134,6 +145,8 @@ class Nodes:
     def _bury(self, node: _Node, place: Place, payload: Payload) -> Iterator[Heard]:
         """Take a node's death, unless it is that of an earlier session."""
         session = _session(payload)
+        # The broker publishes a node's death when it misses the node, which may be back by then.
+        # The number (bdSeq) says to which birth the death belongs.
         if node.session is not None and session is not None and session != node.session:
             return
         node.forget()

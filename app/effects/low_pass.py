@@ -208,6 +208,9 @@ class Filtered(NamedTuple):
         """
         starts, each = self.starts, np.arange(self.inputs.size)
         differ = self.inputs != self.inputs[starts]
+        # As long as no reading of its record has differed each one stands for itself, and so does
+        # the first that differs. Behind that none does: the latest that does is the one that is
+        # looked for.
         count = np.cumsum(differ) - np.cumsum(differ)[starts]
         begins = (count == 0) | (differ & (count == 1))
         moved = self.times_s[np.maximum.accumulate(np.where(begins, each, 0))]
@@ -331,6 +334,8 @@ def low_pass(
     slopes = np.diff(inputs) / steps
     added = _advance(np.zeros(steps.shape), inputs[:-1], slopes, steps, time_constant_s)
     again = starts[1:]
+    # Where the filter begins anew nothing of what was before is left, and the reading itself is
+    # added: one recursion serves all records.
     share = np.where(again, 0.0, share)
     outputs = _recursion(float(inputs[0]), share, np.where(again, inputs[1:], added))
     guessed = np.where(rested, 0.0, 1.0)
@@ -407,6 +412,9 @@ def _starts(times_s: FloatArray, begins_s: FloatArray | None) -> tuple[BoolArray
 
 def _recursion(first: float, decays: FloatArray, added: FloatArray) -> FloatArray:
     """Solve y_{i+1} = kept_i y_i + added_i as a system of two diagonals."""
+    # The steps are unequal, and so are the factors: no cumulative sum does it, and no filter with
+    # constant coefficients. Written as y_{i+1} − kept_i y_i = added_i, row by row, it is a
+    # triangular system of two diagonals, which BLAS solves from the top in one call.
     diagonals = np.ones((2, decays.size + 1), order="F")
     diagonals[1, :-1] = -decays
     right = np.concatenate([[first], added])
@@ -422,6 +430,7 @@ def _advance(
     time_constant_s: float,
 ) -> FloatArray:
     """Solve the equation over one step from output y, input u and the input's slope."""
+    # `expm1`: of a step of a second and a time constant of hours, 1 − exp(−h/τ) would lose digits.
     lost = -np.expm1(-np.asarray(step_s) / time_constant_s)
     output: FloatArray = y + (u - y) * lost + slope * (step_s - time_constant_s * lost)
     return output

@@ -43,9 +43,13 @@ class NodeSearch:
 
     def __init__(self, nodes_mm: FloatArray) -> None:
         self.nodes_mm = nodes_mm
+        # Place i: what a position with i nodes before it counts from. With none it is the first
+        # node.
         self._origins_mm = np.concatenate([nodes_mm[:1], nodes_mm])
         span = float(nodes_mm[-1] - nodes_mm[0])
         gaps = np.diff(nodes_mm)
+        # Buckets half as wide as the narrowest gap, where so many may be: two nodes are never in
+        # one then, however it is rounded.
         self._per_mm = min(2.0 / float(gaps.min()), MOST_BUCKETS / span) if gaps.size else 0.0
         home = self._bucket(nodes_mm)
         # Two nodes in one bucket: only bisection can tell them apart.
@@ -123,6 +127,8 @@ def _as_lines(nodes_mm: FloatArray, values: FloatArray) -> FloatArray:
     The first row serves positions before the first node, and there as behind the last
     node the value holds.
     """
+    # Line i serves where i nodes lie before. Lines 0 and k have slope 0 and the value of an end, so
+    # that a position outside the table needs no comparison of its own.
     lines = np.zeros((*values.shape[:2], nodes_mm.size + 1, 2))
     lines[..., 0, 0] = values[..., 0]
     lines[..., 1:, 0] = values

@@ -169,6 +169,9 @@ def extreme_displacements(
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
         ends = _ends_of_pieces(field, start, end)
+        # Along a diagonal all coordinates are linear in the share of the way. Between nodes a
+        # rotation's table, its slope's coordinate and its lever arm are linear each: their product
+        # is a cubic, which four values determine.
         thirds = (ends[:-1, None] + np.diff(ends)[:, None] * [0, 1 / 3, 2 / 3, 1]).ravel()
         errors_um, _ = field.at(start + thirds[:, None] * (end - start), tool_offset_mm)
         along = displacement_along(errors_um, end - start).reshape(-1, 4)
@@ -219,6 +222,9 @@ def _turns_of_cubics(values: FloatArray) -> FloatArray:
     # Neither root is a difference of nearly equal numbers, however small the cubic's share.
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(quadratic**2 - 3 * cubic * linear)
+        # The roots' product is linear/(3 cubic), so the second one is linear/q. A cubic's share of
+        # 0 makes the first infinite, which is none, and the second the parabola's −linear/(2
+        # quadratic).
         q = -(quadratic + np.copysign(root, quadratic))
         turns = np.stack([q / (3 * cubic), linear / q], axis=1)
     return np.where((turns > 0.0) & (turns < 1.0), turns, np.nan)

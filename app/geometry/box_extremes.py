@@ -111,6 +111,8 @@ def box_extremes(
         )
     search = _Search(vectors, curved)
     step = max(POINTS_AT_ONCE // (coordinates[1].size * coordinates[2].size), 1)
+    # Slabs of an even number of steps: along a coordinate of degree 2 ends and middles take turns,
+    # and a slab has to begin and end with an end.
     step += step % 2
     for start in range(0, max(coordinates[0].size - 1, 1), step):
         search.look([coordinates[0][start : start + step + 1], *coordinates[1:]])
@@ -177,6 +179,7 @@ class _Search:
         """Say what was found."""
         best = self._best
         return BoxExtremes(
+            # Minus the largest of minus the components; 0 − 0 is 0, where −(0) would be −0.
             least=0.0 - best[3:6],
             most=best[:3] + 0.0,
             longest=float(best[6]),
@@ -221,6 +224,8 @@ class _Search:
         beyond = (self._bounds - self._best - self._slack()).max(axis=1)
         open_cells = beyond > 0.0
         if np.count_nonzero(open_cells) > MOST_CELLS:
+            # Half of what there is room for: with all of it the next cells would make us sort
+            # again.
             most = np.argsort(beyond)[-MOST_CELLS // 2 :]
             promising = np.zeros(len(beyond), dtype=bool)
             promising[most] = True
@@ -229,6 +234,8 @@ class _Search:
         self._cells, self._bounds = self._cells[open_cells], self._bounds[open_cells]
 
     def _give_up(self, open_cells: BoolArray) -> None:
+        # What is not looked into any further may still hold so much more; the answer says it as
+        # `within`.
         beyond = (self._bounds[~open_cells] - self._best).max(initial=0.0)
         self._given_up = max(self._given_up, float(beyond))
 
@@ -260,6 +267,7 @@ def _halved(cells: FloatArray, curved: Sequence[bool]) -> FloatArray:
     """Cut cells in two along every coordinate of degree 2."""
     middles = cells.mean(axis=1)
     parts = []
+    # Along a coordinate of degree 1 nothing is gained by halving: its extremes are at the ends.
     for upper in itertools.product(*((False, True) if bends else (None,) for bends in curved)):
         part = cells.copy()
         for i, half in enumerate(upper):

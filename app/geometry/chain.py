@@ -82,6 +82,11 @@ class Chain:
         >>> sorted(Chain.parse("FXYZ").acts_on("z"))
         []
         """
+        # Seen from the workpiece the way to the tool goes through the workpiece's axes from the
+        # outermost inward, over the base, and out through the tool's axes. A rotation acts on what
+        # comes after it on this way. On the workpiece's side an axis turns between the workpiece
+        # and its own travel, which is thus among it (RI(y) Y in 8.65); on the tool's side it turns
+        # behind its travel (X in 8.63).
         if axis in self.tool:
             return frozenset(self.tool[self.tool.index(axis) + 1 :])
         return frozenset(self.workpiece[: self.workpiece.index(axis) + 1] + self.tool)

@@ -148,6 +148,8 @@ def level_tables(field: ErrorField, volume: WorkVolume, level: Level) -> dict[st
         for code, (positions, values) in compensated.items()
         if COMPONENTS[code].axis is not None
     }
+    # E_x gains SXY·y: as a table over y it is EXY's, and so SZX is EXZ's and SYZ is EYZ's
+    # (8.92–8.94).
     for row, times, value in squareness_of(
         {c: float(v[0, 0]) for c, (_, v) in compensated.items()}
     ):

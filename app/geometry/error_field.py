@@ -200,6 +200,8 @@ class ErrorField:
         tool = bounded("tool_offset_mm", as_tool_offset(tool_offset_mm, len(points)))
         errors = np.empty((self.states or 1, *points.shape))
         turned = np.empty_like(errors)
+        # In pieces and by rows of coordinates: each step below then reads memory in one direction,
+        # and what it made before is still in the cache.
         for start in range(0, len(points), POINTS_AT_ONCE):
             piece = slice(start, start + POINTS_AT_ONCE)
             here = np.ascontiguousarray(points[piece].T)
@@ -236,12 +238,14 @@ def _axis_table(axis: str, tables: Mapping[str, PackedTable]) -> AxisTable | Non
     if not moving:
         return None
     nodes = union_of_positions(moving.values())
+    # Of single values alone: one node, wherever it is, for they hold at all positions.
     nodes = nodes if nodes.size else np.zeros(1)
     blocks: dict[str | None, FloatArray] = {}
     for code, (positions, values) in moving.items():
         component = COMPONENTS[code]
         block = blocks.setdefault(component.times, np.zeros((len(values), 6, nodes.size)))
         for state, row in enumerate(values):
+            # A table that is shorter than the union goes on with its end values.
             at_nodes = np.interp(nodes, positions, row) if positions.size > 1 else row
             block[state, component.row] = at_nodes
     return AxisTable(nodes, blocks)

@@ -83,6 +83,8 @@ class ErrorGrid:
         >>> ErrorGrid(sides, sides, sides, corner).at([[50.0, 50.0, 50.0]]).tolist()
         [[1.0, 0.0, -2.0]]
         """
+        # (8.103) and (8.104) as printed divide by the difference of corners 1 and 2, which differ
+        # in x alone; the shares of y and z run to corners 4 and 5.
         placed = [
             place_in_cells(nodes, coordinate)
             for nodes, coordinate in zip(self.nodes_mm, as_points(points_mm).T, strict=True)

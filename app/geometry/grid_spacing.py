@@ -159,6 +159,8 @@ def _left_by_axis(
     rows: list[tuple[float, float]] = []
     across = [_across(field, volume, i, j) for j in range(3)]
     degrees = [degree_along(field, axis) for axis in LINEAR_LETTERS]
+    # An axis that leaves a twentieth of the tolerance leaves the others nearly all of it: still
+    # finer it would save hardly a point.
     while len(rows) < most_intervals and not (rows and rows[-1][0] <= tolerance_um / 20):
         nodes = np.linspace(*volume.ranges_mm[i], len(rows) + 2)
         coordinates = [*across]
@@ -208,6 +210,8 @@ def _fewest_points(bounds_um: Sequence[FloatArray], tolerance_um: float) -> Coun
     least = np.minimum.accumulate(z)
     for i, left_x in enumerate(x):
         rest = tolerance_um - left_x - y
+        # The first place where the falling `least` is at most the rest; there `z` itself is, for it
+        # has just fallen to it.
         k = np.searchsorted(-least, -rest)
         points = np.where(k < z.size, (i + 2) * (np.arange(y.size) + 2) * (k + 2), np.inf)
         j = int(np.argmin(points))
@@ -236,6 +240,7 @@ def _judged(
     )
     grid = sample_grid(field, x, y, z, tool)
     bound_um = attained_um = _left_in_the_middles(field, grid, tool)
+    # The bound looks at many points of each cell, and most grids fail in the middles already.
     if attained_um <= tolerance_um:
         residual = grid_difference(field, grid, tool)
         bound_um = min(residual.largest_um, sum_um)

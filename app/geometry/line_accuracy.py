@@ -77,6 +77,8 @@ def line_accuracy(
     (25.55, 42.81)
     """
     _check(linear_um, straightness_um)
+    # ELv  = √(D̄x² + D̄y² + D̄z²), D̄ the mean over the lines I, II, III of Table 8.2
+    # ELSv = the same of D̄x + Dx(y) + Dx(z), and so on
     mean = {axis: sum(linear_um[axis]) / len(linear_um[axis]) for axis in LINEAR_LETTERS}
     with_straightness = {
         axis: mean[axis]

@@ -71,6 +71,8 @@ def _matters(
     about = LINEAR_LETTERS[ROTATION_LETTERS.index(component.direction)]
     # The tool points along z: a rotation about z does not change its direction.
     turns_tool = orientation and about != "z"
+    # ω × a has nothing of the part of a that lies along ω: a roll does not move what is on its own
+    # axis.
     return turns_tool or bool(_arms(chain, component.axis, tools_mm, line) - {about})
 
 

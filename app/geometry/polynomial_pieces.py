@@ -65,6 +65,8 @@ def cut(nodes_mm: FloatArray, tables_mm: FloatArray, degree: int) -> FloatArray:
         return ends
     cell, _ = place_in_cells(nodes_mm, ends[:-1])
     shares = np.diff(ends) / np.diff(nodes_mm)[cell]
+    # Twice as many, so that every second point is a piece's middle. A share that is a quarter but
+    # for rounding is one part, not two.
     halves = 2 * np.ceil(PARTS_OF_A_CELL * shares - 1e-9).astype(int)
     spread = [
         np.linspace(left, right, count, endpoint=False)
@@ -89,6 +91,9 @@ def bernstein_coefficients(values: FloatArray, degrees: Sequence[int]) -> FloatA
     for dimension, degree in enumerate(degrees):
         if degree == 2:
             coefficients = np.moveaxis(coefficients.copy(), dimension, 0)
+            # With c0, c1, c2 a parabola is c0 (1 − t)² + 2 c1 t (1 − t) + c2 t²; at the ends it is
+            # c0 and c2, and in the middle f = (c0 + 2 c1 + c2)/4: so c1 = 2 f − (c0 + c2)/2. A
+            # tensor product is one dimension after the other.
             coefficients[1::2] = (
                 2 * coefficients[1::2] - (coefficients[:-2:2] + coefficients[2::2]) / 2
             )

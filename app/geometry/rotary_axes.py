@@ -70,6 +70,9 @@ class RotaryAxis:
         """
         arm = points_mm - self.point_mm
         cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
+        # cos θ v + sin θ k × v + (1 − cos θ) (k · v) k: the matrices [R] 9 and 22. In [R] 11 as
+        # printed the last element has − cos θ and the one before it − k_x sin θ; (9) has both
+        # right.
         along = (arm * self.direction).sum(axis=1, keepdims=True) * self.direction
         turned: FloatArray = cos * arm + sin * np.cross(self.direction, arm) + (1 - cos) * along
         return self.point_mm + turned
@@ -137,6 +140,11 @@ def actual_axis(
         np.asarray(errors.get(code, 0.0), dtype=np.float64) for code in cyclic_codes(letter)
     )
     tilt, other = tilt / URAD_PER_RAD, other / URAD_PER_RAD
+    # In cyclic order (first, second, along) all three axes are alike. The direction is the third
+    # column of E_second · E_first, first the tilt about the first coordinate, then about the
+    # second:
+    #     C: E_BOC E_AOC k, [R] 7 and 8          A: E_COA E_BOA i, [R] 20 and 21
+    # As to position, an axis has two coordinates: it is where it crosses 0 of the third.
     pivot = np.roll(np.asarray(pivot_mm, dtype=np.float64), -about(letter) - 1)
     point = _columns(pivot[0] + first / UM_PER_MM, pivot[1] + second / UM_PER_MM, 0.0)
     direction = _columns(np.cos(tilt) * np.sin(other), -np.sin(tilt), np.cos(tilt) * np.cos(other))
@@ -245,6 +253,8 @@ def rotary_location_error(
         angle = np.broadcast_to(np.deg2rad(angles.get(letter, np.zeros(()))), (n,))
         pivot = pivots.get(letter, np.zeros(3))
         actual = actual_axis(letter, errors, pivot).turn(actual, angle)
+        # Both by the same formula: what is rounded is rounded alike, and at angle 0 the error is
+        # exactly 0.
         nominal = actual_axis(letter, {}, pivot).turn(nominal, angle)
     error_um: FloatArray = (actual - nominal) * UM_PER_MM
     return error_um

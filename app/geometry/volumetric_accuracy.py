@@ -120,6 +120,8 @@ def volumetric_accuracy(
     """
     field.expect_one_state()
     translations = field.only(lambda component: not component.is_rotation)
+    # Neither sum has a lever arm, so that between nodes both are straight along each coordinate.
+    # With nonrigid slopes they are bilinear: table by coordinate of another axis, each of degree 1.
     straight = (1, 1, 1)
     return VolumetricAccuracy(
         linear=Spread.of(

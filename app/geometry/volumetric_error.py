@@ -119,6 +119,15 @@ def sum_over_axes(
     rotation_urad : ndarray, shape (3, n) [µrad]
         Σω = (ΣEA, ΣEB, ΣEC) (8.115–8.117).
     """
+    # The chapter writes each chain as a product of the axes' small rotations RI(u) = 1 + ω(u) ×,
+    # such as
+    #     FXYZ  P = X + RI(x) Y + RI(x) RI(y) Z + RI(x) RI(y) RI(z) T                   (8.63)
+    #     XYFZ  P = RI(y) RI(x) X + RI(y) Y + RI(y) RI(x) Z + RI(x) RI(y) RI(z) T       (8.65)
+    # Without products of two rotations, ω(u) turns the sum of all vectors that RI(u) stands before:
+    # in FXYZ that is Y + Z + T for x, Z + T for y and T for z, which gives (8.68)–(8.73); in XYFZ
+    # it is X + Z + T for x and X + Y + Z + T for y, (8.77)–(8.79). `Chain.acts_on` names these
+    # vectors. That the order of the rotations before T differs in (8.65) and (8.66) is of second
+    # order.
     points_m = points_mm / MM_PER_M
     total = np.zeros(points_m.shape)
     turned = np.zeros(points_m.shape)
@@ -127,6 +136,10 @@ def sum_over_axes(
             line = measuring_lines.get(axis)
             along, grown = _along_and_beside(motions[axis], points_m, line)
             arm = [points_m[i] if LINEAR_LETTERS[i] in chain.acts_on(axis) else None for i in ROWS]
+            # On a measuring line the translations have the rotation's effect there already, so the
+            # rotation that was measured counts from the line. What slopes add away from the line
+            # was not there when the translations were measured: they have nothing of it, and it
+            # acts with the whole arm.
             for motion, lever in ((along, _from_line(arm, axis, line)), (grown, arm)):
                 if motion is not None:
                     total += motion[:3]
@@ -134,6 +147,8 @@ def sum_over_axes(
                     _add_cross(total, motion[3:], lever)
     # T is an arm of every axis: Σ ω × T = (Σ ω) × T.
     _add_cross(total, turned, [t / MM_PER_M if np.any(t) else None for t in tool_offset_mm])
+    # (8.58)–(8.60) put squareness into the straightness of y and z: it displaces, and turns
+    # nothing.
     for row, times, value in squareness:
         total[row] += value * points_m[times]
     return total, turned

@@ -74,6 +74,8 @@ class CarriedPast:
             if not self.is_behind:
                 return
             with self._lock:
+                # From here on arrivals are noted, and only then is the database read: what was
+                # committed before is read, what is committed later is noted, and some of it both.
                 self._waiting = []
             try:
                 stored = _in_order([*read(), *self._arrived_meanwhile()])
@@ -84,6 +86,8 @@ class CarriedPast:
                     new = _in_order(r for r in self._waiting if r.time not in stored_times)
                     self._take(stored, new)
                     if self.is_behind:
+                        # Among those noted was one that is older than the newest that was read.
+                        # This time the others wait, so that it comes to an end.
                         together = _in_order([*stored, *new])
                         self._begin_with(self._of_record(together), together)
             finally:

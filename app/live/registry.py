@@ -95,6 +95,9 @@ class LiveMachine:
         with self._lock:
             for note in self._notes.values():
                 note.append(arrived)
+            # Storing and withdrawing at the same time: each withdrawal is counted in its own
+            # transaction, and whatever arrives says how many there had been. Where the counts are
+            # equal both have seen the same withdrawals, and the readings can be put together.
             if arrived.withdrawals == self.withdrawals:
                 self._take(arrived.readings, until)
             else:
@@ -225,6 +228,9 @@ class LiveRegistry:
         with self._lock:
             present = self._machines.get(machine.id)
             if present is None or present.current.created_at != live.created_at:
+                # Commits of one machine come one after the other, but who committed first may come
+                # here last: the older model is dropped. Another birth is another machine of the
+                # same id.
                 if present is not None and present.current.stamp > live.stamp:
                     return present
                 present = LiveMachine(live)

@@ -57,6 +57,19 @@ Stamp = tuple[datetime, int, int]
 """Birth, revision and withdrawals of a machine."""
 
 
+#   ┌──────────────────────┐   LISTEN answered   ┌───────────────────────────────────────────┐
+#   │ look at everything   │ ──────────────────> │ look at everything; then                  │
+#   │ every `every_s`      │                     │   told of something:   look at that       │
+#   │ (SQLite: for ever)   │ <────────────────── │   every `every_s`:     ping               │
+#   └──────────────────────┘   connection lost   │   every EVERYTHING_S:  look at everything │
+#                                                └───────────────────────────────────────────┘
+#
+# No message can be lost between the two. A session is told of every transaction that commits after
+# its LISTEN; what was committed before that is seen by the look that begins after it. What commits
+# in between is both seen and told, and to look twice does no harm. (To look first and to listen
+# then would lose it.) PostgreSQL tells after the commit, so what one is told of is there to be
+# read. Where a connection breaks, or a look at what was told has no answer, everything is looked at
+# again.
 class DatabaseFollower(Background):
     """Looks whether the database is there and what is new in it: when it is told, or regularly.
 
@@ -128,6 +141,8 @@ class DatabaseFollower(Background):
     def _follow(self) -> None:
         live = self._context.live
         with self._context.database.reading(QUESTION) as session:
+            # Before the machines themselves: what changes after this is in the next sum, and looked
+            # at then.
             total = sum_of_machines(session)
         # What is in memory first: a machine that comes while the database is read was not lost.
         have = live.stamps() if total != self._sum else None
@@ -143,6 +158,8 @@ class DatabaseFollower(Background):
             self._load(have, wanted)
         self._sum = total
         self._restore(live.behind())
+        # Last of all: had anything failed before, the same numbers would be asked for once more,
+        # and memory passes over what it has.
         unseen.mark_seen((reading.number for reading in fresh), self._context.now())
         self._unseen = unseen
 
@@ -248,6 +265,8 @@ class DatabaseFollower(Background):
                 answered = self._asking(listener.ping)
             else:
                 try:
+                    # Not for as long as nothing comes: between two times it sees whether it is to
+                    # stop.
                     news = listener.hear(min(STOPS_WITHIN_S, self._every_s))
                 except StorageUnavailable as error:
                     log.info("%s; listens again", error.detail)
@@ -256,6 +275,7 @@ class DatabaseFollower(Background):
                     self._stop.wait(OWN_PAUSE_S)
                     continue
                 answered = self.look(news)
+                # What is told during the pause is looked at together with what comes next.
                 self._stop.wait(PAUSE_S)
             if not listener.is_connected:
                 return

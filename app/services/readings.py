@@ -81,6 +81,17 @@ class ReadingBatch:
     asked_by: Authorization | None = field(default_factory=asking.get)
 
 
+# The way of readings into the database, and then into memory:
+#
+#    store_at_once (event loop) ──┐                          plainly right, and all new
+#    store_readings (a thread) ───┴─> Together ─> _store_new ─────────────> commit ─> _follow
+#                                                     │                                 ^
+#                                                     └─ anything else ─> _store_alone ─┘
+#
+# `_store_new` commits for all who wait at that moment, so it may neither wait for anybody nor
+# refuse anything: a batch that is wrong, was partly sent before, or whose machine is being changed
+# is left without an outcome. `_store_alone` is then called for it: it waits for locks, compares
+# with what is stored, and says what is the matter.
 def store_readings(context: Context, machine_id: str, readings: Sequence[Reading]) -> StoreOutcome:
     """Store readings whole or not at all.
 
@@ -224,9 +235,13 @@ def _store_new(
         return {}, {}
     asked_by = [b.asked_by for parts in plain.values() for b in parts if b.asked_by is not None]
     wanted = {m: _in_order(chain.from_iterable(parts.values())) for m, parts in plain.items()}
+    # Memory has no reading of these times or later: then the database is not asked whether it has,
+    # and a violated constraint shows where another process was quicker.
     are_new = all(machines[m].has_none_from(once[0].time) for m, once in wanted.items())
     try:
         with readings_inserted(context.database, wanted, asked_by, are_new=are_new) as rows:
+            # They were checked against the machine in memory. Its row is locked by now: with the
+            # same revision the sensors are still those that they were checked against.
             if any(current[m].stamp != (row.created_at, row.revision) for m, row in rows.items()):
                 raise _MachineChangedError
             stored = [

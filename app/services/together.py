@@ -121,6 +121,12 @@ class Together(Generic[Work]):
         after: Callable[[Sequence[Work]], None],
     ) -> None:
         """Do what has waited longest, until a thread has taken this one."""
+        #   append ──> wait for a turn ──> take the first of those that wait ──> do ──> after
+        #
+        # Whoever waits for the turn mostly finds its own piece taken: the thread before has done it
+        # along with its own. Where more wait than one takes, the piece may not be among the first:
+        # so it goes on until somebody has it. `after` is outside of the turn, for the next ones are
+        # being done meanwhile.
         while self._waits(wanted):
             group: list[Wanted[Work]] = []
             try:
@@ -152,6 +158,8 @@ class Together(Generic[Work]):
         try:
             do([one.work for one in group])
         except StorageUnavailable as error:
+            # A database that is away for one is away for all: each of them would wait out the same
+            # limit, one behind the other. Of one that is busy the next may find its rows free.
             if not isinstance(error, StorageBusy):
                 with self._guard:
                     group += self._waiting

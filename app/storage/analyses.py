@@ -20,6 +20,18 @@ from app.storage.analysis_results import confirmed_effects
 from app.storage.records import LARGEST_INTEGER, AnalysisStatus, AnalysisTask, StoredAnalysis
 from app.storage.tables import AnalysisRow, MachineRow
 
+#              begin_analysis              finish_analysis
+#    queued ───────────────────> running ───────────────────> done
+#     │ ^ ^                       │ │ │    fail_analysis
+#     │ │ └──── give_back ────────┘ │ ├───────────────────> failed
+#     │ │                           │ │    give_up, the third time
+#     │ └────── give_up ────────────┘ │
+#     │        (no beat since)        │    cancel_analysis
+#     └───────────────────────────────┴───────────────────> cancelled
+#
+# Every arrow is one UPDATE that names the status, the owner and, for `give_up`, the number of beats
+# that it expects, and counts the rows that it changed: of two processes that want different things
+# the second changes none. That of one machine no two run is an index of the table.
 MOST_TRIES: Final = 3
 """How often an analysis is begun whose process, each time, is then gone without a word."""
 

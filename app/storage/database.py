@@ -123,6 +123,14 @@ class Database:
         with self._turn(limits), _as_storage_errors((limits or self._limits).lock_s):
             with Session(writer, expire_on_commit=False) as session, session.begin():
                 yield session
+                # The order of locks, the same in every transaction that writes, so that no two wait
+                # for each other:
+                #     1  machines' rows                                   the use case (`RowLock`)
+                #     2  whatever belongs to them                         the use case
+                #     3  the key that asks                                here
+                #     4  the numbering of the log, until the commit       `number_entries`
+                # From 4 on all others who write into the log wait, so nothing else is waited for
+                # after it. What others are to be told PostgreSQL keeps until the commit.
                 confirm_authorization(session, locked=True)
                 log_changes = number_entries(session)
                 sent = send_pending(session, self.sender)

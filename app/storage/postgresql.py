@@ -97,6 +97,8 @@ class ImpatientConnection(psycopg.Connection[Any]):
             return end.value
 
     def _give_up(self, gen: Generator[Any, Any, Any], reason: str) -> None:
+        # The answer may still come, and would be taken for that of the next statement: a connection
+        # of which that is not known is used no more.
         gen.close()
         self.pgconn.finish()
         raise psycopg.OperationalError(reason)
@@ -188,6 +190,8 @@ class Duty:
         try:
             if self._connection is None:
                 self._connection = self._connect()
+            # Asked each time, not remembered: the server may have ended the session meanwhile. And
+            # not taken again where it is ours: PostgreSQL counts, and would want as many releases.
             row = self._connection.execute(_HOLDS_LOCK, {"number": self._number}).fetchone()
             if row is None or not row[0]:
                 row = self._connection.execute(_TAKE, {"number": self._number}).fetchone()
@@ -224,6 +228,8 @@ class KeptConnections:
         the statement. Errors are SQLAlchemy's.
         """
         with _as_sqlalchemys():
+            # Two threads come here at a time; `append` and `pop` of a list are one step each, and
+            # need no lock.
             lent = self._take()
             connection: Any = lent.driver_connection
             connection.answer_s = self._answer_s
@@ -296,6 +302,8 @@ class PostgresqlConnections:
         """Make an engine whose transactions have these limits where they state no others."""
         engine = create_engine(
             url,
+            # After a restart of the server the pool is full of connections that it has closed: each
+            # would fail the request that gets it.
             pool_pre_ping=True,
             pool_size=lent,
             max_overflow=more,

@@ -53,6 +53,9 @@ def _hold_and_add(unless_there: str) -> str:
     """Hold machines, add their readings and tell the others, with one question and one answer."""
     where = "WHERE machine_id IN (SELECT id FROM held)"
     return (
+        # Machines first, as everywhere, and by id. KEY SHARE collides with FOR UPDATE alone, which
+        # only those take who delete a machine: these are skipped. Readings are inserted for those
+        # machines only that are locked by now, and others are told of those only that got some.
         "WITH held AS MATERIALIZED (SELECT id, created_at, revision, withdrawals FROM machine "
         "WHERE id = ANY(%(ids)s) ORDER BY id FOR KEY SHARE SKIP LOCKED), "
         f"{_ADDED.format(where=where, unless_there=unless_there)} "
@@ -176,6 +179,8 @@ def readings_inserted(
         ).fetchall()
         if asked_by:
             digests = {"digests": sorted({asker.digest for asker in asked_by})}
+            # Keys after machines, as in every transaction: those who revoke keys lock the machines
+            # first, too.
             confirm_held(asked_by, connection.execute(HOLD_KEYS, digests))
         yield {
             m: HeldMachine(born, revision, withdrawals, _added(readings[m], numbers, times))

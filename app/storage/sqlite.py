@@ -91,6 +91,8 @@ class SqliteConnections:
         self.file.check()
         connection.isolation_level = None  # we say BEGIN ourselves, see _begin
         _log_ahead(connection, _patience_s(self._limits))
+        # A file that logs ahead, as NORMAL has it, syncs now and then: the last commits could be
+        # lost with the power. FULL syncs at each.
         for pragma in (
             "foreign_keys = ON",
             "synchronous = FULL",
@@ -105,6 +107,9 @@ class SqliteConnections:
         driver: Any = connection.connection.driver_connection
         driver.execute(f"PRAGMA busy_timeout = {round(1000 * _patience_s(limits))}")
         writes = options.get("thermap_writes", False)
+        # A transaction that has read is refused at once, however long it would wait, when it wants
+        # to write and another has written in between: what it has read is old. With the write lock
+        # from the beginning it waits for its turn.
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
