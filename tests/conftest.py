@@ -2,7 +2,9 @@
 
 import gc
 import os
+import re
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from _pytest.doctest import DoctestModule
@@ -48,9 +50,50 @@ def pytest_collection():
         gc.enable()
 
 
-def pytest_collection_modifyitems(items):
-    """Begin with what waits longest: at the end, nothing else would be left to run beside it."""
+HERE = Path(__file__).parent
+POSTGRESQL = re.compile(r"[\[-]postgresql[\]-]")
+
+API_ON_POSTGRESQL = {
+    f"test_api_{subject}.py"
+    for subject in (
+        *("access", "activation", "adopted_effects", "analyses", "assignments", "error_maps"),
+        *("events", "history", "machines", "models", "readings", "readings_at_once", "status"),
+        *("stream_news", "verifications", "watch"),
+    )
+} | {"test_large_numbers.py"}
+"""What asks the database something of its own; the other tests read the same rows."""
+
+EACH_CASE_ON_POSTGRESQL = {"test_large_numbers.py", "test_foreign_text.py", "test_migrations.py"}
+SQLITE_ALONE = {
+    *("test_languages.py", "test_reader.py", "test_adopted_effects.py", "test_cli_serve.py"),
+}
+
+
+def pytest_collection_modifyitems(config, items):
+    """Run on SQLite, which is what a user gets, everything, and some of it on PostgreSQL too.
+
+    There, of a test with many cases, the first: cases differ in what the service makes of them.
+    What waits longest begins: at the end, nothing else would be left to run beside it.
+    """
     items.sort(key=lambda item: item.get_closest_marker("begin") is None)
+    seen, left_out = set(), set()
+    for item in items:
+        if not POSTGRESQL.search(item.name):
+            continue
+        folder, name = item.path.relative_to(HERE).parts[0], item.path.name
+        test = (item.path, item.originalname)
+        each_case = folder == "storage" or name in EACH_CASE_ON_POSTGRESQL
+        if folder == "api":
+            item.add_marker(pytest.mark.slow)
+        if (
+            name in SQLITE_ALONE
+            or (folder == "api" and name not in API_ON_POSTGRESQL)
+            or (test in seen and not each_case)
+        ):
+            left_out.add(item)
+        seen.add(test)
+    config.hook.pytest_deselected(items=list(left_out))
+    items[:] = [item for item in items if item not in left_out]
 
 
 class Doctests:

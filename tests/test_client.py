@@ -99,10 +99,16 @@ def blocking(served_url):
         yield Awaitable(client)
 
 
-@pytest.fixture(params=["blocking", "awaiting"])
-def client(request, service):
-    """Either client of a service that has the example machine with three maps."""
-    return request.getfixturevalue(request.param)
+@pytest.fixture
+def client(request):
+    """A client of a service that has the example machine with three maps.
+
+    The awaiting one but where a test asks for both: the blocking one is made of its source.
+    """
+    return request.getfixturevalue(getattr(request, "param", "awaiting"))
+
+
+both_clients = pytest.mark.parametrize("client", ["blocking", "awaiting"], indirect=True)
 
 
 def answering(*responses, requests=None):
@@ -141,6 +147,7 @@ async def test_machines(client):
     assert [m.id for m in await client.machines()] == ["mcfv5050"]
 
 
+@both_clients
 async def test_error_maps(client):
     content = error_map("Run #7", 34.0)
     content["components"][0] = {
@@ -515,6 +522,7 @@ async def test_the_sentence_names_fields_that_the_detail_does_not(client):
     assert caught.value.sentence == f"{caught.value.detail} (at temperatures_c.nowhere)"
 
 
+@both_clients
 async def test_too_large(client):
     many = error_map("large", 26.0, instrument="x" * 5_000_000)
     with pytest.raises(TooLargeError) as caught:

@@ -3,6 +3,7 @@
 import importlib
 import re
 import subprocess
+from functools import cache
 
 import pytest
 
@@ -120,11 +121,14 @@ def test_named_commands_and_options_exist():
     assert missing == []
 
 
+loaded = cache(load)
+
+
 def known_of(command, words):
     """Name a command, where there is one, and the options of what the words after it say."""
     if command not in COMMANDS:
         return set()
-    meant = load(command)
+    meant = loaded(command)
     parts = getattr(meant, "commands", {})
     if parts and words and words[0] not in parts and not words[0].startswith("-"):
         return set()

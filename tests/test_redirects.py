@@ -21,10 +21,11 @@ from tests.service_examples import START, Clock, reading
 from thermap import AsyncThermapClient, ThermapClient
 from thermap.errors import ThermapClientError
 
-pytestmark = [
-    pytest.mark.anyio,
-    pytest.mark.parametrize("status", [301, 302, 303, 307, 308]),
-]
+pytestmark = pytest.mark.anyio
+
+each_status = pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+two_statuses = pytest.mark.parametrize("status", [302, 308])
+"""One status after which a client would ask with GET, and one after which as before."""
 
 KEY = "Bearer tm_key"
 PASSWORD = httpx.BasicAuth("me", "s3cret")._auth_header
@@ -80,6 +81,7 @@ def key(monkeypatch):
     monkeypatch.setenv("THERMAP_KEY", KEY.removeprefix("Bearer "))
 
 
+@each_status
 def test_the_component_of_hal(status):
     with redirecting(status) as (url, heard):
         component = Service(url, "vmc", 20.0)
@@ -90,6 +92,7 @@ def test_the_component_of_hal(status):
     assert [key for _, key in heard] == [KEY] * 2
 
 
+@each_status
 def test_the_client(status):
     with redirecting(status) as (url, heard), ThermapClient(url) as client:
         for ask in (
@@ -103,6 +106,7 @@ def test_the_client(status):
     assert [key for _, key in heard] == [KEY] * 4
 
 
+@two_statuses
 async def test_the_asynchronous_client(status):
     with redirecting(status) as (url, heard):
         async with AsyncThermapClient(url) as client:
@@ -117,6 +121,7 @@ async def test_the_asynchronous_client(status):
     assert [key for _, key in heard] == [KEY] * 4
 
 
+@two_statuses
 def test_doctor(status):
     with redirecting(status) as (url, heard):
         examined = CliRunner().invoke(application, ["doctor", "--url", url, "--json"])
@@ -126,6 +131,7 @@ def test_doctor(status):
     assert heard == [("/healthz", KEY)]
 
 
+@two_statuses
 def test_doctor_where_the_service_answers_that_it_lives(status):
     health = json.dumps({"status": "ok", "version": __version__}).encode()
     kind = {"Content-Type": "application/json"}
@@ -139,6 +145,7 @@ def test_doctor_where_the_service_answers_that_it_lives(status):
     assert ("/readyz", KEY) in heard
 
 
+@two_statuses
 @pytest.mark.parametrize("question", ["probe", "current", "sample"])
 @pytest.mark.parametrize("is_streamed", [False, True])
 async def test_the_connection_to_an_agent(status, question, is_streamed):

@@ -39,16 +39,17 @@ def test_too_little_gives_no_rate(n, over_s):
     assert rate_k_per_h(times, np.full(n, 20.0), 0.1) is None
 
 
-@pytest.mark.parametrize("phase", np.arange(0.03, 1.0, 0.1))
-@pytest.mark.parametrize("sensor", ["spindle", "z-column", "x-middle"])
-def test_the_demonstration_s_figure_is_the_slope_of_the_curve_beside_it(sensor, phase):
+@pytest.mark.parametrize("phase", [0.03, 0.33, 0.53, 0.83])
+def test_the_demonstration_s_figure_is_the_slope_of_the_curve_beside_it(phase):
     """Its 20 minutes are shorter than the half hour, and one line through all of them says nothing.
 
     The line of the last minutes is as steep as the curve was in their middle.
     """
     now = phase * PERIOD_S
     times = now + np.arange(-1800.0, 1.0)
-    values = np.array([temperatures_at(t)[sensor] for t in times])
-    slopes = np.gradient(values[-226:], 1.0 / 3600.0)
-    found = rate_k_per_h(times, values, 0.1)
-    assert slopes.min() - 1.0 <= found <= slopes.max() + 1.0
+    temperatures = [temperatures_at(t) for t in times]
+    for sensor in ("spindle", "z-column", "x-middle"):
+        values = np.array([one[sensor] for one in temperatures])
+        slopes = np.gradient(values[-226:], 1.0 / 3600.0)
+        found = rate_k_per_h(times, values, 0.1)
+        assert slopes.min() - 1.0 <= found <= slopes.max() + 1.0, sensor

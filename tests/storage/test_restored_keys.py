@@ -30,10 +30,11 @@ from tests.databases import KINDS, reachable
 from tests.service_examples import START
 
 
-@pytest.fixture(params=KINDS)
-def new_url(request, databases):
-    """A database without a table."""
-    url = reachable(databases.empty, request.param)
+@pytest.fixture
+def new_url(databases, furnished_url):
+    """A database of the other kind without a table."""
+    (kind,) = (kind for kind in KINDS if not furnished_url.startswith(kind))
+    url = reachable(databases.empty, kind)
     yield url
     databases.give_back(url)
 
