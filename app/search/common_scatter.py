@@ -174,6 +174,7 @@ def _side(scatters: Sequence[_ChannelScatter], margin: float) -> int:
 def _side_of(ratios: FloatArray, freedom: FloatArray, margin: float) -> int:
     """Say so of some ratios, each no surer than its degrees of freedom make it."""
     away = np.log(ratios)
+    # Of f degrees of freedom a standard deviation's logarithm has the standard error 1/√(2 f).
     limit = np.log(margin) - 1.0 / np.sqrt(2.0 * freedom)
     if np.mean(away < limit) <= NEARLY_ALL:
         return 1

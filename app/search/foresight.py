@@ -142,6 +142,8 @@ def slope_from_same_zero(
     (taught, shared), (_, variance) = fit.covariance[-2:, -2:]
     if variance <= 0.0:
         return Slope(0.0, float("inf"), 0.0)
+    # The second amplitude, given that the first is 1: on visits that taught, the term is what it is
+    # said to be, and only the others are asked.
     share = shared / taught if taught > 0.0 else 0.0
     value = float(fit.amplitudes[-1] + share * (1.0 - fit.amplitudes[-2]))
     information = float(1.0 / (variance - share * shared + OF_MAPS**2))

@@ -176,6 +176,7 @@ def _apart_from_one(
         together += np.outer(opened[of_number], opened[of_number])
         squares.append(float(residuals[of_number] @ residuals[of_number]))
         means.append(float(np.trace(together)))
+        # x'x of x ~ N(0, Σ) has the mean tr Σ and the variance 2 tr Σ².
         variances.append(2.0 * float(np.sum(together**2)))
     furthest = int(np.argmax(np.array(squares) / means))
     square, mean, variance = (

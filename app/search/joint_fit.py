@@ -287,6 +287,7 @@ class _Shares:
             information = np.sum(self.gram[each, level] / scatter[:, None, None], axis=0)
             covariance = inverse(information)
             amplitudes = covariance @ np.sum(self.slope[each, level] / scatter[:, None], axis=0)
+            # Of amplitudes that all channels share: none of them has its own best ones.
             squares = self.rss - 2.0 * self.slope @ amplitudes
             squares += (self.gram @ amplitudes) @ amplitudes
             every = np.maximum(squares + self.weight, LEAST_SQUARES) / self.freedom

@@ -46,6 +46,7 @@ def fitted(level: FloatArray, design: FloatArray, covariances: FloatArray) -> Fi
     return Fits(
         log,
         -half - 0.5 * np.sum(y**2, axis=(1, 2)),
+        # Integrated over all b alike: the likelihood at the best times the volume |X'K⁻¹X|^(−1/2).
         log - 0.5 * np.linalg.slogdet(information)[1],
         sizes[..., 0],
         np.linalg.inv(information),

@@ -59,12 +59,14 @@ class Model:
         size = self._fitted.shape[1]
         if not size:
             return np.zeros(0)
+        # This is R⁻¹ J'V⁻¹y with R R' = J'V⁻¹J + P already, so that R' remains to be solved for.
         lower = self._shadow(values[:, None])[-size:, 0]
         return np.asarray(solve_triangular(self._level.root[0], lower, lower=True, trans=1))
 
     def setups(self, values: FloatArray) -> FloatArray:
         """Predict each block's shift and tilts from values beside maps and terms; shape (b, s)."""
         whitening, shapes = self._level.whitening, self._level.shapes
+        # F'F = (K⁻¹ + Z'Z)⁻¹, and times Z'y that is the best linear prediction of shifts and tilts.
         turned = whitening.turn(self._channel.reduce(values[:, None])[self.state.blocks])
         return np.asarray(whitening.turn_back(turned, shapes)[0].reshape(-1, shapes))
 
@@ -73,6 +75,8 @@ class Model:
         """Variance of each row by what is not known of maps and given terms, shape (n,)."""
         if not self._fitted.shape[1]:
             return np.zeros(len(self._fitted))
+        # The diagonal of A (R R')⁻¹ A', as the squares of R⁻¹A' summed: no product of all rows with
+        # all.
         solved = solve_triangular(self._level.root[0], self._fitted.T, lower=True)
         return np.asarray(np.sum(solved**2, axis=0))
 

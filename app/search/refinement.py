@@ -220,6 +220,8 @@ def _width(
     """
     step = stretch / 8.0
     for _ in range(8):
+        # The loss is about parabolic near its minimum: from a drop at one step follows the step for
+        # ½.
         at = place + side * step
         if not bounds[0] <= at <= bounds[1]:
             return float("inf")

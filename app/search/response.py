@@ -184,6 +184,9 @@ class Response:
         """
         n, scales = len(self.groups), self.scales(logarithms)
         covariance = self.covariance(scales)
+        # The slope asks for every element of the inverse, and of the factor LAPACK makes it for
+        # twice what the factor itself has cost. A step to where K is not positive definite is
+        # refused by a large value.
         lower, failed = lapack.dpotrf(covariance, lower=1, overwrite_a=1)
         if failed:
             return 1e10, np.zeros(logarithms.size)
@@ -193,6 +196,8 @@ class Response:
         value = 0.5 * float(self._values @ alpha) + float(np.log(np.diag(lower)).sum())
         half = 0.5 * (inverse - np.outer(alpha, alpha))
         slope = self._slopes(scales, half)
+        # The prior of s is exponential; as a density of ln s it is s exp(−s/unit): hence s/unit −
+        # ln s.
         shares = scales.groups / self._units
         off = (logarithms - self.start)[n:] / self._spread
         return (
@@ -208,6 +213,8 @@ class Response:
         by_shared = weights * shared
         alike = (weights * (1.0 + share * unlike)).ravel()
         of_groups = self._grams.reshape(len(squares), -1) @ alike
+        # κ² = v/(v + Σ s² level), v the values' variance, falls as a scale grows: in ln s_g its
+        # slope is −2 s_g² level_g κ⁴/v.
         of_share = float(np.vdot(by_shared, unlike)) * (share / self._size) ** 2
         by_shared *= share
         by_drift = by_shared * scales.drift**2 * np.exp(-self._apart / scales.drift_span)

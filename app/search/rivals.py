@@ -202,6 +202,7 @@ def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Te
         share = share_of(state, [*others, term, rival])
         at = np.ix_(share.index, share.index)
         information[at] += share.gram[fit.level[c]] / fit.scatter[c]
+    # Schur's complement: what the rows say of term and rival once all other terms are fitted anew.
     crossed = information[:first, first:]
     conditional = (
         information[first:, first:] - crossed.T @ inverse(information[:first, :first]) @ crossed

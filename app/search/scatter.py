@@ -284,6 +284,8 @@ class Blocks:
             factor = np.empty((len(tried), c, k * s, k * s))
             # One after the other: of long records each takes much memory on the way.
             for i, scatter in enumerate(tried):
+                # By C with K = C C' and not by K⁻¹, which there is none of where nothing scatters.
+                # I + C'Z'Z C has no eigenvalue below 1: its factor never fails.
                 root = _root(self.covariance(scatter, index))
                 back = root.transpose(0, 2, 1)
                 inner = back @ squares.reshape(c, k * s, k * s) @ root

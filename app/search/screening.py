@@ -298,6 +298,8 @@ class Within:
     @cached_property
     def alone(self) -> FloatArray:
         """Share of a row's residual that is left with the row in the fit: one over it without."""
+        # A row draws the fit to itself by w h of its residual; divided by the rest, the residual is
+        # the one from a fit without the row, which need not be made.
         return np.maximum(1.0 - self.weights * self.leverage, 1e-9)
 
     @cached_property

@@ -327,6 +327,8 @@ class State:
         -------
         ndarray, shape (...)
         """
+        # The prior counts as so many further observations that have left 1 each, which is the
+        # scale.
         variance: FloatArray = np.asarray(rss + self.fixed.channel.weight)
         np.maximum(variance, LEAST_SQUARES, out=variance)
         variance /= self.freedom
@@ -367,6 +369,10 @@ class State:
         channel = self.fixed.channel
         whitening = channel.whitening(which, self.blocks)
         turned = whitening.turn(reduced)
+        # What the rows say of maps and given terms beside set-ups, and the prior: J'V⁻¹J + P. Its
+        # Cholesky factor R serves for all: |R⁻¹ J'V⁻¹y|² is what they explain of y, the diagonal is
+        # the determinant, and nothing is lost where two columns are almost alike, as it would be
+        # with the inverse.
         remaining = nuisance - turned.transpose(0, 2, 1) @ turned + np.diag(precision)
         root = np.asarray(np.linalg.cholesky(remaining), dtype=np.float64)
         p = channel.nuisance.shape[1]
@@ -375,6 +381,7 @@ class State:
         # not be compared between models that have different terms.
         diagonals = np.diagonal(root, axis1=1, axis2=2)[:, :p]
         half_log_det = 0.5 * whitening.log_determinant + np.log(diagonals).sum(axis=1)
+        # The triangle alone is inverted: it is applied to thousands of columns, by products.
         inverse_root: FloatArray = np.zeros_like(root)
         for lower, inverse in zip(root, inverse_root, strict=True):
             if lower.size:

@@ -93,6 +93,9 @@ def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> 
     def slope(t: float) -> float:
         return float(counts @ (variances / (1.0 - 2.0 * t * variances))) - total
 
+    # The cumulant function K(t) = −½ Σ n ln(1 − 2 t λ) ends there. The saddlepoint is where its
+    # slope is the total; a total that is beyond the slope even at the end has a probability of
+    # nothing.
     end = 0.5 / float(variances[counts > 0].max()) * (1.0 - CLOSE)
     if slope(end) <= 0.0:
         return 0.0
@@ -104,4 +107,5 @@ def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> 
     v = at * float(np.sqrt(width))
     if w < 1e-4 or v <= 0.0:
         return 1.0
+    # Both terms of Lugannani and Rice as one deviate: their difference could leave 0 to 1.
     return float(np.clip(norm.sf(w + np.log(v / w) / w), 0.0, 1.0))

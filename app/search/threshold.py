@@ -134,6 +134,8 @@ class Threshold:
         return self._chance(float(population.reduced(scanned)[0]))
 
     def _chance(self, rarest: float) -> float:
+        # One family's largest stays below r with the probability exp(−exp(−r)), all of them with
+        # its power.
         return float(-np.expm1(-self.families * np.exp(-rarest)))
 
 
@@ -183,6 +185,8 @@ def _population(scanned: Scan, groups: np.ndarray, families: np.ndarray) -> Popu
         largest = _most_surprising(
             scanned.noise[of_family] * bartlett[of_family, None], scanned.rank[of_family]
         )
+        # A Gumbel variable has the standard deviation π/√6 times its scale, and the mean γ scales
+        # above its location.
         scale[of_family] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
         location[of_family] = float(largest.mean()) - EULER_GAMMA * scale[of_family]
     return Population(location, scale, bartlett)

@@ -117,6 +117,8 @@ def _fits(levels: FloatArray, design: FloatArray) -> Fits:
     """Fit levels, shape (m, 4), at each size of scatter and walk."""
     level, _, count, number = levels.T
     steps = 1.0 + number - number[0]
+    # Two levels of a walk have in common all steps up to the earlier one. A set-up that is missing
+    # has had its step too.
     walk = np.minimum(steps[:, None], steps[None, :])
     scatter, step = np.square(SIZES_TRIED).T[..., None, None]
     return fitted(level, design, np.diag(1.0 / count) + scatter * np.eye(len(level)) + step * walk)

@@ -77,6 +77,8 @@ class Wander(NamedTuple):
             result: FloatArray = self.smooth**2 * np.exp(-scaled(apart))
             return result
 
+        # Slopes in the logarithms: a size enters squared, so twice the part itself. With x = d/τ,
+        # e^(−x) has the slope x e^(−x) in ln τ, and (1 + x) e^(−x) has x² e^(−x).
         parts: list[tuple[Callable[[FloatArray], FloatArray], float]] = [
             (np.zeros_like, 2.0 * self.white**2),
             (lambda d: 2.0 * rough(d), 0.0),
@@ -103,6 +105,8 @@ def _of_record(
     result = over(np.abs(times_min[:, None] - times_min))
     result[np.diag_indices_from(result)] += white
     if is_zeroed:
+        # cov(a − z, b − z) = cov(a, b) − cov(a, z) − cov(b, z) + var z; the noise of the zero is in
+        # all rows.
         to_zero = over(np.abs(times_min))
         result += float(over(np.zeros(1))[0]) + white - to_zero[:, None] - to_zero
     return result
