@@ -215,6 +215,8 @@ def _slopes(unknowns: FloatArray, angles_rad: FloatArray) -> FloatArray:
     # Rodrigues' formula, cos θ · arm + sin θ · d × arm + (1 − cos θ) · d (d · arm), differentiated
     # by the direction d, which a tilt turns about its own axis.
     tilted = []
+    # d = R₂(ο) R₁(τ) k: the second rotation is about the second coordinate itself, the first about
+    # the first coordinate as the second rotation has turned it.
     for about_tilt in ([np.cos(other), 0.0, -np.sin(other)], [0.0, 1.0, 0.0]):
         change = np.cross(about_tilt, direction)
         swept = change * (arm @ direction) + direction * (arm @ change)
@@ -236,6 +238,7 @@ def _position_design(angles_rad: FloatArray) -> FloatArray:
 
 def _cofactor(design: FloatArray) -> FloatArray:
     """Invert the normal equations; what nothing shows becomes as good as infinite."""
+    # (AᵀA)⁻¹ = V S⁻² Vᵀ of A's own singular values: AᵀA would have squared their ratio.
     _, singular, rows = np.linalg.svd(design, full_matrices=False)
     clipped = np.maximum(singular, singular[0] * _UNSEEN)
     inverse: FloatArray = (rows.T / clipped**2) @ rows

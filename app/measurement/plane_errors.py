@@ -73,6 +73,7 @@ def take_out_rigid_motion(nominal_mm: FloatArray, measured_mm: FloatArray) -> Ri
     n, m = _complex(nominal_mm), _complex(measured_mm)
     n_mean, m_mean = n.mean(), m.mean()
     n, m = n - n_mean, m - m_mean
+    # Σ |m − e^(iφ) n|² is least where e^(−iφ) Σ n̄ m is real and above 0.
     turned = np.vdot(n, m)
     # Holes on one spot show no rotation: none is taken out.
     turn = turned / abs(turned) if abs(turned) > 0 else 1.0 + 0.0j

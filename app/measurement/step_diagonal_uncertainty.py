@@ -65,6 +65,8 @@ def solution_of(walk: StepWalk) -> FloatArray:
         squares. Each direction's row has the squares' sum R²/(4 V²) with four diagonals
         (step V in that direction, R² = X² + Y² + Z²) and R²/(2 V²) with three.
     """
+    # With four diagonals the columns of r are orthogonal, and 2V/R long: each direction has the
+    # mean of four readings, with half the variance of [V 7–8], which take two diagonals at a time.
     solution: FloatArray = np.asarray(np.linalg.pinv(walk.rays), dtype=np.float64)
     return solution
 
@@ -152,6 +154,7 @@ def table_covariance(
         return None
     nodes = np.arange(walk.steps + 1.0)
     weights = solution[direction] ** 2
+    # Each increment is the difference of two readings.
     random = 2 * noise.reading_um**2 * weights.sum() * np.minimum.outer(nodes, nodes)
     # Only the part of the step across the ray is a lever for the mirror's tilt; it adds the same
     # to each increment, so that nodes vary together as a straight line.

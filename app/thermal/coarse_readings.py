@@ -109,6 +109,8 @@ def looking_back(
     lasted_s = times_s[last] - times_s[first]
     # Where it turned it went on for a while as it had come: as a parabola does between the two
     # passages, at the rate of the stays beside it.
+    # A parabola that enters a stay of length L at the rate r, and leaves it as fast, gets r L/4
+    # further.
     beyond = np.minimum(FURTHEST * step, _rates(step, lasted_s, is_open) * lasted_s / 4.0)
     turned = np.where(before * after < 0.0, level - before * (0.5 * step - beyond), level)
     known_s = np.concatenate(
@@ -120,6 +122,7 @@ def looking_back(
     known_c = np.concatenate([((level[:-1] + level[1:]) / 2.0)[is_seen], turned[is_open]])
     order = np.argsort(known_s, kind="stable")
     inside = np.clip(times_s, known_s[order[0]], known_s[order[-1]])
+    # Monotone between what is known: a spline would swing beyond it, and invent a warmer moment.
     fitted = PchipInterpolator(known_s[order], known_c[order])(inside)
     fitted = np.clip(fitted, temperatures_c - step / 2.0, temperatures_c + step / 2.0)
     return Coarse(step, fitted, stay.astype(np.intp))

@@ -161,6 +161,8 @@ def _cut(moved: FloatArray) -> int:
     """Say where a step would be: where the sum of deviations from the mean turns."""
     if moved.size < 2:
         return 0
+    # Before a step all lie on one side of the mean, behind it on the other: the running sum goes
+    # one way up to it, and back from there. Clipped, so that single hours do not decide.
     clipped = np.clip(moved, *np.quantile(moved, USUAL))
     return int(np.argmax(np.abs(np.cumsum(clipped - clipped.mean())[:-1]))) + 1
 

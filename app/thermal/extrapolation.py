@@ -72,12 +72,15 @@ def variances_at(
     if maps.variances is None:
         return None
     v_n, v_m, w = maps.variances[0], maps.variances[-1], weight
+    # At a map that one is in use alone.
     if w in (0.0, 1.0):
         return v_m
     variances: FloatArray = (1.0 - w) ** 2 * v_n + w**2 * v_m
     if maps.covariances is not None:
         variances += 2.0 * w * (1.0 - w) * maps.covariances
     if not 0.0 < w < 1.0:
+        # (1 − w)² + w² − 1: what the temperatures of both maps make uncertain, less what one does
+        # at the edge.
         variances += 2.0 * w * (w - 1.0) * slope_variances(maps, span_c, resolution_c)
     return variances
 
@@ -110,6 +113,8 @@ def _weight_limits(
             q = float(slopes[columns].mean())
             v_n, v_m = (v + q for v in means)
             c = 0.0 if maps.covariances is None else float(maps.covariances[columns].mean())
+    # v(w) = (1 − w)² v_n + 2 w (1 − w) c + w² v_m is v_n − 2 `half` w + `square` w²; where it is
+    # `beyond` above v_n is a quadratic equation.
     square = v_n + v_m - 2.0 * c
     half = v_n - c
     beyond = ratio**2 * max(v_n, v_m) - v_n

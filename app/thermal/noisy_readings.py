@@ -75,6 +75,8 @@ def scatter_k(times_s: FloatArray, temperatures_c: FloatArray, max_gap_s: float)
     before = gaps_s[1:] / (gaps_s[:-1] + gaps_s[1:])
     between = before * temperatures_c[:-2] + (1.0 - before) * temperatures_c[2:]
     apart = temperatures_c[1:-1] - between
+    # Of three readings that scatter by 1 each, the middle one scatters by so much about the line
+    # through the other two, wherever between them it lies.
     apart = apart / np.sqrt(1.0 + before**2 + (1.0 - before) ** 2)
     near = (gaps_s <= max_gap_s)[:-1] & (gaps_s <= max_gap_s)[1:]
     if near.sum() < FEWEST_READINGS:
@@ -151,6 +153,8 @@ def _local_lines(
     share = 1.0 / count + np.where(is_line, away**2 / np.where(is_line, spread, 1.0), 0.0)
     alone = count < 3
     values = np.where(alone, y, values)
+    # A reading weighs `share` in the line at its own place: divided by the rest, its distance is
+    # that from the line of the others, which is never made.
     others = np.where(alone, 1.0, 1.0 - np.minimum(share, 0.999))
     missed = np.where(alone, np.nan, ((y - values) / others) ** 2)
     mean = float(np.nanmean(missed)) if np.isfinite(missed).mean() > 0.5 else np.inf
