@@ -126,6 +126,8 @@ class StreamedLog:
             if self._asked_s >= since_s:
                 return False
             context = self._context()
+            # Before it is read: what is written meanwhile may not be in it, and makes it due again.
+            # Who waited for the lock, and asks since a time before, finds it read.
             asked_s, mark = time.monotonic(), context.database.log_mark
             with as_service():  # it is read for all who follow
                 log = await run_in_threadpool(read_log_now, context, self.newest, MOST_ENTRIES)
@@ -184,6 +186,7 @@ class StreamedLog:
         job_before = self.running.get(job.machine)
         if job_before is not None and job_before.news.analysis == job.analysis:
             before = replace(job_before.news, time=job.time)
+            # The very same object: followers tell by it that there is nothing new.
             if before == job or read_s - job_before.read_s < PROGRESS_EVERY_S:
                 return job_before
         return Running(job, _ANALYSIS.dump_json(job), read_s)
@@ -236,6 +239,13 @@ class LogFollower:
         if self._is_unknown:
             self._is_unknown = False
             return self._missed(None)
+        #                    floor                newest
+        #     ────────────────┼────────────────────┼──────▶ numbers of entries
+        #      in the database│     in memory      │ to come
+        #      counted, told  │     sent one by    │
+        #      as `missed`    │     one            │
+        #
+        # A cursor beyond `newest` is of another log, or ahead of this service (`begin`).
         if self.cursor is None:
             self.cursor = self._log.newest
         if self.cursor < self._log.floor:

@@ -201,6 +201,8 @@ class TableStreams:
             followers: dict[str, Follower] = {}
             sent_s = time.monotonic()
             while viewer.is_welcome():
+                # Taken before anything is looked at: what becomes new from here on sets this very
+                # event, so that the wait at the end returns at once.
                 news = self._news
                 now_s = time.monotonic()
                 feeds = [f for f in self._followed_feeds(machine_id) if viewer.sees(f.machine_id)]
@@ -223,6 +225,7 @@ class TableStreams:
                 if now_s - sent_s >= heartbeat_s:
                     sent_s = now_s
                     yield None
+                # The next step is due by the clock: no news tells of it.
                 steps = any(follower.is_stepping for follower in followers.values())
                 wait_s = STEP_S / 4 if steps else sent_s + heartbeat_s - now_s
                 wait_s = min(wait_s, CONFIRM_EVERY_S)
@@ -269,11 +272,14 @@ class TableStreams:
     async def _ask(self) -> None:
         """Ask the database for watches and analyses, for all who follow."""
         self._asked_s = time.monotonic()
+        # Before the database is asked: what is told meanwhile is asked for once more.
         self._log_mark = self._context().database.log_mark
         with as_service():
             self._stored = await run_in_threadpool(stored_of_machines, self._context())
 
     def _wake_all(self) -> None:
+        # Set once and never cleared: who is still writing, and waits for it only later, does not
+        # wait.
         self._news, news = asyncio.Event(), self._news
         news.set()
 
@@ -373,6 +379,17 @@ class Follower:
             yield "status", 0 if self._sent is None else self._sent.number, feed.status
         if "table" not in self._wanted.kinds:
             return
+        # What a follower with a `max_step` is sent of tables:
+        #
+        #       a value has changed by more than min_change
+        #     ┌───────────┐ ──────────────────────────▶ ┌──────────┐ every STEP_S one more,
+        #     │ it has it │                             │ stepping │ towards the table that
+        #     └───────────┘ ◀────────────────────────── └──────────┘ holds by then
+        #       the rest is within max_step: the table itself
+        #
+        # The first table comes whole, as there is nothing to step from. On the way min_change does
+        # not count: a table that is begun is reached. Where the machine has no table any more a
+        # `state` says so, and the next one is a first one again.
         if self.is_stepping and table.curves is not None:
             if now_s >= self._next_step_s:
                 yield ("table", *self._step(feed, table, now_s, next_number))

@@ -168,6 +168,7 @@ def _rms(where_mm: FloatArray, off: FloatArray) -> float:
     """Give the root mean square along the axis of lines between nodes, exactly."""
     if where_mm.size < 2:
         return float(np.sqrt((off**2).mean()))
+    # The mean square of a straight line from a to b is (a² + a b + b²)/3.
     a, b = off[:, :-1], off[:, 1:]
     squares = (a**2 + a * b + b**2) / 3.0 * np.diff(where_mm)
     return float(np.sqrt(max(squares.sum() / (off.shape[0] * (where_mm[-1] - where_mm[0])), 0.0)))

@@ -129,6 +129,7 @@ def _row(
 def value_of(line: Line, text: str, component: Component) -> float:
     """Read a component's value and give it in our unit and sign; larger than any is refused."""
     value = line.number_of(text, f"a value of {component.code}")
+    # µrad to rad is 1e-6, µm to mm 1e-3.
     turns = abs(file_factor(component)) < 1e-5
     limit, unit = (_LARGEST_RAD, "rad") if turns else (LARGEST_ERROR_MM, "mm")
     if abs(value) > limit:

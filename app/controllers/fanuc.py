@@ -173,6 +173,8 @@ def _columns(table: ErrorTable, options: FanucOptions) -> _Columns:
     codes = [*pitch, *(code for code in CROSSES if code in table.curves)]
     most = min(options.most_points, ALL_POINTS // len(codes))
     reach = {axis: _reach(table, options, axis) for axis in axes}
+    # A grid through the reference point may begin before the table and end behind it: up to two
+    # points more than its length needs.
     for spared in range(min(3, most - 1)):
         spacing = choose_spacing(
             [*reach.values()], most - spared, options.spacing_mm, "options.spacing_mm"
@@ -219,6 +221,7 @@ def _magnified(
     largest = 0
     for magnification in tried:
         unit_um = magnification * options.detection_unit_um
+        # The curve is rounded, not its increments: rounding does not add up along the axis.
         counts = {c: np.rint(errors / unit_um).astype(np.intp) for c, errors in curves.items()}
         largest = max(int(np.abs(np.diff(units)).max()) for units in counts.values())
         if largest <= options.largest_increment:
@@ -499,6 +502,7 @@ class _Read:
             if others:
                 raise others[0].refuse("each parameter once")
             counts.append(_number_of(line))
+        # A section ends at its point: the first one begins an interval before the first point.
         sums = np.cumsum([0, *counts])
         unit_um = factor_of(options.sign) * table.magnification * options.detection_unit_um
         errors = (sums - sums[table.reference + 1]) * unit_um

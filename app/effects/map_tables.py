@@ -97,6 +97,7 @@ def moved(
     after = model.brackets(group, scale, temperatures_c + by_k)
     is_known = ~np.isnan(after.weight)
     return MapReading(
+        # A map that both sides weigh alike drops out, and no longer limits the positions (`added`).
         added(weights_of(scale, after), -weights_of(scale, before)),
         scale.sensor,
         temperatures_c + by_k,
@@ -121,6 +122,7 @@ def slope(
     brackets = model.brackets(group, scale, temperatures_c)
     spans = np.diff(scale.temperatures_c)[brackets.lower]
     is_known = ~np.isnan(brackets.weight)
+    # Between two maps the table is (1 − w) a + w b, w = (T − T_a)/span: its slope is (b − a)/span.
     share = np.where(is_known, by_k / spans, np.nan)
     return MapReading(
         of_two_maps(scale, brackets.lower, -share, share),

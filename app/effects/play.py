@@ -49,6 +49,8 @@ def play(
     begins = np.flatnonzero(np.diff(times_s) > max_gap_s) + 1
     for stretch in np.split(np.arange(inputs.size), begins):
         values = inputs[stretch]
+        # Wherever it began: a highest input pushes it to u − r or above, a lowest to u + r or
+        # below, and where these two meet it has one place left.
         moved = np.maximum.accumulate(values) - np.minimum.accumulate(values)
         has_begun = moved >= 2.0 * half_width
         output[stretch[has_begun]] = _followed(values, half_width)[has_begun]
@@ -85,6 +87,7 @@ def _followed(inputs: FloatArray, half_width: float) -> FloatArray:
     """Follow readings without a gap, from the middle of the dead band."""
     output = inputs.tolist()
     at = output[0] if output else 0.0
+    # One after the other: where a play stands depends on all turning points before.
     for i, value in enumerate(output):
         at = min(max(value - half_width, at), value + half_width)
         output[i] = at

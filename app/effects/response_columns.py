@@ -161,6 +161,8 @@ def needed_signals(columns: Sequence[Column]) -> dict[Column, float]:
 
     That of a column which needs no filter of its own is the longest of its sensor's others.
     """
+    # Who needs no filter of its own needs only when the record began, and what was read first: one
+    # that is there anyway tells it.
     longest: dict[str, float] = {}
     for column in columns:
         if column.form in (LATE, LEVEL):
@@ -263,6 +265,7 @@ def _from_nought(start: FromStart, times_s: FloatArray, tau_s: float) -> FloatAr
 
     Of a record that did not begin at rest so little of that is left that it may be unread.
     """
+    # The filter is linear: started at `first` it is that started at 0 plus first e^(−t/τ).
     first = np.nan_to_num(start.first)
     result: FloatArray = start.outputs - first * np.exp((start.since_s - times_s) / tau_s)
     return result

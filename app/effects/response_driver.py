@@ -205,6 +205,7 @@ class Responding(Driver):
         """Say the same of columns at n moments, in set-ups that began at times, shape (n,) [s]."""
         values = self._reach.held(columns)
         mean = np.einsum("ij,ij->i", values, self._coefficients_at(began_s))
+        # x C xᵀ = |x L|² with C = L Lᵀ, and never below 0, however collinear columns round.
         learnt = np.sqrt(((values @ self._root) ** 2).sum(axis=1))
         return self._reach.expected(columns, values, Predicted(mean, learnt), Wander(*self.noise))
 
@@ -272,6 +273,10 @@ class Responding(Driver):
         left = right - 1
         before, after = left >= 0, right < len(days)
         left, right = np.maximum(left, 0), np.minimum(right, len(days) - 1)
+        # Best guess from both neighbours, whose covariance with each other is w = exp(−|t|/span)
+        # and with the day wanted l and r: the weights a, b solve a + w b = l, w a + b = r. Days
+        # further off say nothing more: a Markov process has forgotten all but its neighbours.
+        # Before the first and after the last day one neighbour alone counts, by l or r.
         from_left, from_right, whole = (
             np.exp(-np.abs(apart) / self.drift_span_s)
             for apart in (began_s - days[left], days[right] - began_s, days[right] - days[left])

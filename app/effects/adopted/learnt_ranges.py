@@ -90,6 +90,8 @@ class Growth(NamedTuple):
 
     def days_after(self, continued_days: float) -> float:
         """Say how long after going on for so long its error reaches the scatter [days]."""
+        # Solved for d: |growth| d + 2 σ (continued + d) = scatter. The growth counts from where it
+        # may have stopped, its error from the last observation on.
         margin = self.scatter - SURELY * self.error_per_day * continued_days
         return margin / max(self.per_day + SURELY * self.error_per_day, np.finfo(float).tiny)
 

@@ -88,6 +88,8 @@ class LiveLags(Lags):
         self, time_s: float, temperatures_c: Mapping[str, float], states: Mapping[str, float]
     ) -> LiveLags:
         """Carry every filter on with one reading."""
+        # After a rest all filters begin anew; a sensor whose first reading comes soon after the
+        # machine's has been at rest until then, as in records (`low_pass`).
         begins = time_s - self.read_s > self.rested_s
         begun_s = time_s if begins else self.begun_s
         at_rest = time_s - begun_s <= TOGETHER_S

@@ -314,9 +314,11 @@ def _bows(projection: Projection, maps: Sequence[ErrorMap], code: str) -> Sparse
     errors = entry_errors(model, maps, code).reshape(nodes.shape)
     slopes, apart = np.diff(nodes, axis=1) / h, (h[1:] + h[:-1]) / 2.0
     curvature = np.diff(slopes, axis=1) / apart
+    # The three factors of a second difference: `noise` is what the entries' errors make of it.
     steps = np.stack([1.0 / h[:-1], -1.0 / h[:-1] - 1.0 / h[1:], 1.0 / h[1:]]) / apart
     noise = sum((step * errors[:, k : k + len(step)]) ** 2 for k, step in enumerate(steps))
     square, by_noise = float(np.mean(curvature**2)), float(np.mean(noise))
+    # In the middle of a gap u (1 − u)/2 is 1/8.
     largest = float(h.max()) ** 2 / 8.0 * np.sqrt(max(square - by_noise, 0.0))
     if largest <= NOTHING_BETWEEN * float(np.median(errors)):
         return sparse.csr_array((n, 0))

@@ -42,6 +42,8 @@ class EProcess:
     @property
     def evidence(self) -> float:
         """The e-value: 1 says nothing, 1/α is reached with probability α at most by chance."""
+        # Beginnings still to come have the evidence 1 and together the weight Σ 1/(k (k + 1)) over
+        # k > n, which is 1/(n + 1).
         return self.begun + 1.0 / (self.steps + 1)
 
     def after(self, ratio: float) -> EProcess:
@@ -56,6 +58,7 @@ class EProcess:
         True
         """
         weight = 1.0 / ((self.steps + 1) * (self.steps + 2))
+        # Bounded: an infinite evidence would stay so, and become NaN at a ratio of 0.
         return EProcess(self.steps + 1, min((self.begun + weight) * ratio, 1e300))
 
 

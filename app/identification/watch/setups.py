@@ -71,6 +71,8 @@ class Track:
 
     def foretell(self, repeatability: float, is_first: bool) -> SetUpState:
         """Go on to the next visit's set-up."""
+        # ρ² σ² + (1 − ρ²) σ² = σ²: set-ups scatter as much at every visit, however often one is
+        # resembled.
         rho = np.zeros(PAIRS) if is_first else _CORRELATION
         fresh = (_SCATTER * repeatability) ** 2
         return SetUpState(
@@ -105,6 +107,7 @@ class SetUpState:
 
     def after(self, value: float, scatter: float) -> SetUpState:
         """Take a number with that variance of its own."""
+        # Kalman's gain: y = c + s + e, so `both` is the covariance of (c, s) with y.
         both = np.array([self.of_constant + self.of_both, self.of_both + self.of_setup])
         gain = both / (self.variance + scatter)
         return SetUpState(
@@ -117,6 +120,8 @@ class SetUpState:
     def mixed(self, other: SetUpState, share: FloatArray) -> SetUpState:
         """Merge with another state, which has that share, into one of the same two moments."""
         apart = other.means - self.means
+        # Moments of a mixture: the mean of the variances, and the variance of the two means. Kept
+        # as two they would double with every visit.
         spread = share * (1.0 - share)
         return SetUpState(
             self.means + share * apart,
@@ -133,6 +138,7 @@ class SetUpState:
 
 def believed(likelihoods: FloatArray) -> FloatArray:
     """Say how much each pair is believed, shape (pairs,); together one."""
+    # Divided by the largest first: exp of a log likelihood of many visits is 0.
     logs = _BELIEVED_AT_FIRST + likelihoods
     weights = np.exp(logs - logs.max())
     return np.asarray(weights / weights.sum())

@@ -118,6 +118,8 @@ class Stream:
         scatter = number.scatter + 0.5 * number.maps
         foretold = self.unchanged.foretell(repeatability, is_first)
         likelihoods = np.array(self.likelihoods)
+        # Judged by what was believed before this visit: a far one makes wide scatters likely, and
+        # would excuse itself.
         weights = believed(likelihoods)
         variances = foretold.variance + scatter
         ratio = likelihood_ratio(foretold.away(number.value), variances, weights)
