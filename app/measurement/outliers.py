@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.stats import siegelslopes
 
 from app.arrays import FloatArray, robust_sd
 
@@ -64,6 +63,8 @@ def far_from_the_rest(positions_mm: FloatArray, values: FloatArray) -> tuple[int
     """
     if values.size < FEWEST_TO_JUDGE:
         return ()
+    from scipy.stats import siegelslopes  # takes half a second to import
+
     fitted = siegelslopes(values, positions_mm)
     deviations = values - fitted.intercept - fitted.slope * positions_mm
     sizes = np.abs(deviations - np.median(deviations))

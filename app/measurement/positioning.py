@@ -18,7 +18,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import linregress
 
 from app.arrays import FloatArray, rms
 from app.measurement.result import MeasurementResult
@@ -227,6 +226,8 @@ def drift_of(runs: Mapping[str, FloatArray]) -> tuple[float, float] | None:
     means = np.mean([readings.mean(axis=1) for readings in runs.values()], axis=0)
     if means.size < 3 or np.ptp(means) == 0:
         return float(means[-1] - means[0]), 1.0
+    from scipy.stats import linregress  # takes half a second to import
+
     line = linregress(np.arange(means.size), means)
     return float(line.slope) * (means.size - 1), float(line.pvalue)
 

@@ -16,7 +16,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import bartlett
 
 from app.arrays import FloatArray
 from app.units import MM_PER_M
@@ -171,6 +170,8 @@ def _own_size(lines: FloatArray, readings: FloatArray) -> FloatArray:
     rounding = ROUNDING * max(float(np.abs(readings).max()), float(spread.max()))
     if n < 3 or m < 2 or min(float(spread.min()), float(common.min())) <= rounding:
         return np.ones(m)
+    from scipy.stats import bartlett  # takes half a second to import
+
     differ = float(bartlett(*readings.T).pvalue) < POSITIONS_DIFFER
     sizes: FloatArray = spread / common if differ else np.ones(m)
     return sizes

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from app.arrays import BoolArray, FloatArray, IntArray, robust_sd
 from app.search.channel import DECLARED_WEIGHT, Channel
@@ -338,7 +338,7 @@ class Within:
 
 def _too_many(far: int, count: int) -> bool:
     """Whether so many of a channel's rows can hardly be slips."""
-    return bool(binom.sf(far - 1, count, SLIPS) < TOO_MANY)
+    return bool(bdtrc(far - 1, count, SLIPS) < TOO_MANY)
 
 
 def _alike(rows: Rows, far: _Far) -> IntArray:
@@ -352,7 +352,7 @@ def _alike(rows: Rows, far: _Far) -> IntArray:
     within = ALIKE * far.scatter
     by_chance = np.minimum(within / np.abs(far.off).max(), 1.0)
     alike = np.abs(far.off[:, None] - far.off) <= within[:, None]
-    is_rare = count * binom.sf(alike.sum(axis=1) - 2, count - 1, by_chance) < ALL_ALIKE
+    is_rare = count * bdtrc(alike.sum(axis=1) - 2, count - 1, by_chance) < ALL_ALIKE
     visits = rows.visit[far.rows]
     is_rare &= np.array([len(np.unique(visits[members])) > 1 for members in alike])
     most = int(np.argmax(is_rare * alike.sum(axis=1)))

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from app.arrays import BoolArray, FloatArray
 from app.errors import InvalidContent, repeated
@@ -387,7 +387,7 @@ def _is_sized(amplitudes: FloatArray, covariance: FloatArray) -> bool:
     size over time constant is known.
     """
     distance = float(amplitudes @ np.linalg.pinv(covariance) @ amplitudes)
-    return distance > float(chi2.isf(NOT_ZERO, len(amplitudes)))
+    return distance > float(chdtri(len(amplitudes), NOT_ZERO))
 
 
 def _with_unsaid(

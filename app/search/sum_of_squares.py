@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, norm
+from scipy.special import gammaincinv, ndtr
 
 from app.arrays import FloatArray
 
@@ -54,7 +54,7 @@ def surprise_of_squares(
     >>> round(float(f.sf(10.0, 4, 10)), 4)
     0.0016
     """
-    weights = norm.pdf(NODES)
+    weights = np.exp(-0.5 * NODES**2)
     tail = 0.0
     for weight, scale in zip(weights / weights.sum(), _scales(freedom), strict=True):
         level = noise * float(scale)
@@ -68,7 +68,7 @@ def surprise_of_squares(
 
 def _scales(freedom: float) -> FloatArray:
     """Give what σ² may be over its estimate, at each node."""
-    return np.asarray(freedom / chi2.ppf(norm.cdf(NODES), freedom))
+    return np.asarray(0.5 * freedom / gammaincinv(0.5 * freedom, ndtr(NODES)))
 
 
 def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> float:
@@ -108,4 +108,4 @@ def tail_of_squares(total: float, variances: FloatArray, counts: FloatArray) -> 
     if w < 1e-4 or v <= 0.0:
         return 1.0
     # Both terms of Lugannani and Rice as one deviate: their difference could leave 0 to 1.
-    return float(np.clip(norm.sf(w + np.log(v / w) / w), 0.0, 1.0))
+    return float(np.clip(ndtr(-w - np.log(v / w) / w), 0.0, 1.0))

@@ -11,11 +11,12 @@ that were held out get smaller by what is adopted together, and none of them mar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.effect import Effect
@@ -124,7 +125,7 @@ def _positive_part(mean: float, error: float) -> float:
     if error <= 0.0:
         return max(mean, 0.0)
     z = mean / error
-    return mean * float(norm.cdf(z)) + error * float(norm.pdf(z))
+    return mean * float(ndtr(z)) + error * math.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
 
 
 class Help(NamedTuple):

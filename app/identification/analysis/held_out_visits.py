@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from app.arrays import BoolArray, FloatArray, rms
 from app.errors import list_names
@@ -54,7 +54,7 @@ def markedly_worse(finished: FinishedSearch, predicted: FloatArray) -> Iterator[
         of_setup = seen & (finished.set_up == which)
         c, visit = int(finished.rows.channel[of_setup][0]), int(finished.rows.visit[of_setup][0])
         of_channel = np.unique(set_up[finished.rows.channel[seen] == c]).size
-        often = float(norm.isf(ONE_SIDED / of_channel))
+        often = -float(ndtri(ONE_SIDED / of_channel))
         scatter = _scatter_of_visit(finished, c, visit, int(count[which]))
         if after[which] - before[which] > max(MARKEDLY * before[which], often * scatter):
             yield Worse(of_setup, c, float(before[which]), float(after[which]))
@@ -144,7 +144,7 @@ def is_above_zero(gains: FloatArray, chance: float) -> bool:
     if len(gains) < FEWEST_GAINS:
         return False
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    return bool(np.mean(gains) > t.isf(chance, len(gains) - 1) * error)
+    return bool(np.mean(gains) > -stdtrit(len(gains) - 1, chance) * error)
 
 
 def gains_of_visits(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from app.arrays import FloatArray
 from app.effects.adopted.contributions import contributions
@@ -225,4 +225,4 @@ def _is_changed(adopted: Adopted, anew: Effect) -> bool:
         if name in adopted.effect.parameters
         and (error := anew.standard_errors.get(name, 0.0)) > 0.0
     ]
-    return bool(moved) and bool(chi2.sf(sum(moved), len(moved)) < CHANGED)
+    return bool(moved) and bool(chdtrc(len(moved), sum(moved)) < CHANGED)

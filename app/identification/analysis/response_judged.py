@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.stats import wilcoxon
 
 from app.arrays import FloatArray, IntArray, rms
 from app.geometry.components import COMPONENTS
@@ -162,6 +161,8 @@ class Judged:
 def _chance(before: FloatArray, after: FloatArray) -> float:
     if np.array_equal(before, after):
         return 1.0
+    from scipy.stats import wilcoxon  # takes half a second to import
+
     return float(wilcoxon(before**2, after**2, alternative="greater").pvalue)
 
 

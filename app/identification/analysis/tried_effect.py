@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy import stats
+from scipy.special import stdtrit
 
 from app.answer import Answer, Range, UnitSymbol
 from app.arrays import FloatArray, IntArray, rms
@@ -189,7 +189,7 @@ def _interval(agree: FloatArray, full: FloatArray, tried_together: int) -> Range
     n = len(full)
     without = (agree.sum() - agree) / (full.sum() - full)
     error = float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
-    reach = error * float(stats.t.ppf(1.0 - MISTAKEN / tried_together / 2.0, n - 1))
+    reach = error * float(stdtrit(n - 1, 1.0 - MISTAKEN / tried_together / 2.0))
     share = float(agree.sum() / full.sum())
     return share - reach, share + reach
 

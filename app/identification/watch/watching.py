@@ -18,7 +18,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 from scipy import sparse
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.arrays import FloatArray, IntArray, SparseArray
@@ -537,7 +537,7 @@ def _check_figures(
 
 def _most(freedom: int, probability: float) -> float:
     """How many standard deviations a root mean square of so much freedom may be."""
-    return max(PLAINLY, float(np.sqrt(chi2.isf(probability, freedom) / freedom)))
+    return max(PLAINLY, float(np.sqrt(chdtri(freedom, probability) / freedom)))
 
 
 def _along_travels(residuals: Residuals) -> FloatArray:
