@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import pairwise
 from typing import (
@@ -31,6 +31,12 @@ _RANGE: Final = {"type": "array", "items": {"type": "number"}, "minItems": 2, "m
 
 Range: TypeAlias = Annotated[tuple[float, float], WithJsonSchema(_RANGE)]
 """A smallest and a largest number."""
+
+Code: TypeAlias = Annotated[str, Field(examples=["EXX"])]
+TemperaturesC: TypeAlias = Annotated[
+    Mapping[str, float], Field(examples=[{"x-middle": 24.1, "z-column": 27.3}])
+]
+"""Sensor name to temperature [°C]."""
 
 Codes: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["EZZ"]])]
 Sensors: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["z-column"]])]

@@ -19,7 +19,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = [
     {"message"},
-    {"units", "errors", "arrays", "answer", "csv_text", "decimal_text", "foreign_text"},
+    {"units", "errors", "arrays", "answer", "rounding", "csv_text", "decimal_text", "foreign_text"},
     {"geometry", "supervision", "field_errors", "json_text"},
     {"thermal"},
     {"compensation", "measurement", "pictures", "simulation"},
@@ -51,6 +51,7 @@ PURE = {
         "errors",
         "arrays",
         "answer",
+        "rounding",
         "csv_text",
         "decimal_text",
         "foreign_text",

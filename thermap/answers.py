@@ -781,6 +781,9 @@ class ExportedFileAnswer(Shape):
     name: str
     """Name, with its band's folder"""
 
+    content: str
+    """Its text"""
+
     role: Literal["table", "settings", "check"]
     """`table`, `settings` that go into the controller's own, or `check`: what to look at after
     loading
@@ -788,9 +791,6 @@ class ExportedFileAnswer(Shape):
 
     axis: str | None
     """Axis whose own file it is"""
-
-    content: str
-    """Its text"""
 
 
 class FarValueAnswer(Shape):
@@ -1365,11 +1365,11 @@ class NotHeldAnswer(Shape):
     tilt of a rotary axis the angle
     """
 
-    unit: str
-    """Its unit"""
-
     why: str
     """Why not"""
+
+    unit: str
+    """Its unit"""
 
 
 class NotTestedAnswer(Shape):
@@ -1443,10 +1443,10 @@ class ParsedComponentAnswer(Shape):
     compensation: list[float]
     """Minus the errors, in `unit`"""
 
-    backward_errors: list[float] | None = None
+    backward_errors: list[float] | None
     """Errors in the negative direction where they differ, in `unit`"""
 
-    backward_compensation: list[float] | None = None
+    backward_compensation: list[float] | None
     """Minus these, in `unit`"""
 
     endless: bool
@@ -3022,7 +3022,7 @@ class ExportAnswer(Shape):
     check: list[CheckAnswer]
     """Moves that show whether the sign is right; with bands each has its own"""
 
-    bands: list[BandAnswer] | None = None
+    bands: list[BandAnswer] | None
     """Bands of temperatures, where they were asked for"""
 
 

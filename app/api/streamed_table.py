@@ -9,11 +9,11 @@ from typing import Any, Final
 import orjson
 from pydantic import TypeAdapter
 
-from app.api.rounding import DECIMALS
 from app.api.table_json import OPTIONS, current_table_json
 from app.compensation.table_steps import Curves, curves_of
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
+from app.rounding import DECIMALS
 from app.services.context import Context
 from app.services.live_table import CurrentState, CurrentTable, current_table
 from app.services.status import Stored, status_of

@@ -21,7 +21,6 @@ from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
 from app.access.authorization import as_service
-from app.api.rounding import DECIMALS
 from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, StreamedLog
 from app.api.streamed_table import Feed, Table, judge_anew, remember, write_step, write_table
 from app.api.table_json import current_table_json
@@ -29,6 +28,7 @@ from app.compensation.table_steps import Curves, have_same_layout, largest_chang
 from app.connections.connection import TableEvent
 from app.errors import ThermapError
 from app.live.registry import LiveMachine
+from app.rounding import DECIMALS
 from app.services.context import Context
 from app.services.live_table import CurrentState, current_state
 from app.services.status import Stored, stored_of_machines

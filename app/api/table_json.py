@@ -18,7 +18,6 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import orjson
 
-from app.api.rounding import DECIMALS, rounded, to_digits, to_digits_in
 from app.arrays import FloatArray, IntArray
 from app.compensation.table import (
     Basis,
@@ -27,6 +26,7 @@ from app.compensation.table import (
     EffectInTable,
 )
 from app.geometry.components import ORDER, Component
+from app.rounding import DECIMALS, rounded, to_digits, to_digits_in
 from app.services.live_table import CurrentTable, is_stale
 from app.thermal.group import Member
 from app.thermal.group_state import GroupState

@@ -13,9 +13,9 @@ import orjson
 from starlette.responses import Response
 
 from app.api.media_types import ANSWER_HEADER, JSON, NPY
-from app.api.rounding import rounded
 from app.api.table_json import OPTIONS
 from app.arrays import FloatArray
+from app.rounding import rounded
 
 LONGEST_HEADER: Final = 6000
 """Servers, proxies and clients refuse headers from some 8,000 characters on."""

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import Field
 
-from app.controllers.curve import Curve, Difference, difference
+from app.answer import Answer, Code, UnitSymbol
+from app.controllers.curve import Curve, difference
 from app.controllers.error_table import ErrorTable, Range
 from app.controllers.export import wanted_of
 from app.controllers.format import CHECK_FILE, Format, NotHeld, Options, Parsed
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
-
-BOTH: Final = "both"
-MISSING: Final = "missing"
-UNKNOWN: Final = "unknown"
+from app.rounding import Micro
 
 UNNAMED: Final = (
     "the files do not say of which machine they are; where thermap wrote them, give "
@@ -27,24 +26,31 @@ UNNAMED: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
-    """One component: how far what is held is from what should be, held minus wanted.
+class ComparedComponent(Answer, published_as="ComparedComponentAnswer"):
+    """How far a component in the files is from what should be there."""
 
-    `state` is `both`; `missing` where the files lack what they should hold, which counts as 0;
-    `unknown` where they hold what the model does not have, which should be 0.
-    """
-
-    component: str
-    unit: str
-    state: str
-    difference: Difference
+    component: Code
+    """ISO 230-1 code"""
+    state: Literal["both", "missing", "unknown"]
+    """`both`; `missing`: the files lack it, which counts as 0; `unknown`: the files hold it, and
+    the model has nothing of it"""
+    largest: Annotated[Micro, Field(examples=[-5.0])]
+    """Largest difference of the errors: in the files minus as they should be, in `unit`"""
+    rms: Micro
+    """Root mean square of the difference along the axis, in `unit`"""
+    unit: UnitSymbol
+    """Unit of both"""
+    position_mm: float | None
+    """Where it is largest [mm]"""
+    direction: str
+    """In which direction of approach, `+` or `-`"""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """All components, the largest difference first, and what is to be said."""
 
-    components: Sequence[Compared]
+    components: Sequence[ComparedComponent]
     not_held: Sequence[NotHeld]
     warnings: Sequence[str]
 
@@ -72,18 +78,25 @@ def compare(controller: Format, table: ErrorTable, loaded: Parsed, options: Opti
         if curve is None and mine is None:
             continue
         compared.append(_compared(curve, mine))
-    compared.sort(key=lambda item: -abs(item.difference.largest))
+    compared.sort(key=lambda item: -abs(item.largest))
     unnamed = [] if loaded.machine else [UNNAMED]
     return Comparison(compared, wanted.not_held, [*table.warnings, *loaded.warnings, *unnamed])
 
 
-def _compared(loaded: Curve | None, wanted: Curve | None) -> Compared:
+def _compared(loaded: Curve | None, wanted: Curve | None) -> ComparedComponent:
     present = wanted if wanted is not None else loaded
     assert present is not None
     nothing = Curve(present.component, present.positions_mm, np.zeros(present.errors.shape))
-    state = BOTH if loaded and wanted else MISSING if wanted else UNKNOWN
     off = difference(loaded or nothing, wanted or nothing)
-    return Compared(present.code, present.component.unit.symbol, state, off)
+    return ComparedComponent(
+        present.code,
+        "both" if loaded and wanted else "missing" if wanted else "unknown",
+        off.largest,
+        off.rms,
+        present.component.unit.symbol,
+        off.position_mm,
+        off.direction,
+    )
 
 
 def _expect_overlap(curve: Curve, table: ErrorTable) -> None:

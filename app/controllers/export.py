@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
-from app.controllers.curve import FORWARD, Curve, Difference, difference
+from app.answer import Answer, Code, UnitSymbol
+from app.controllers.curve import FORWARD, Curve, difference
 from app.controllers.error_table import TRANSLATIONS, ErrorTable
 from app.controllers.format import (
     CHECK_FILE,
@@ -24,6 +26,7 @@ from app.controllers.heads import head
 from app.controllers.lines import LARGEST_ERROR_MM, fixed, plain
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
+from app.rounding import Micro
 from app.units import UM_PER_MM
 
 NOTHING: Final = 0.0005
@@ -31,28 +34,35 @@ NOTHING: Final = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
-class Resampled:
-    """What the controller's table differs from ours: spacing and rounding together."""
+class Resampled(Answer, published_as="ResamplingAnswer"):
+    """What spacing and rounding add to a component."""
 
-    component: str
-    unit: str
-    difference: Difference
+    component: Code
+    """ISO 230-1 code"""
+    largest_deviation: Annotated[Micro, Field(examples=[0.2])]
+    """Largest difference of the controller's curve from the table anywhere, in `unit`"""
+    position_mm: float | None
+    """Where [mm]; null for a single value"""
+    unit: UnitSymbol
+    """Its unit"""
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
-    """One move that shows the sign: after loading, where an axis goes and what moves, how far.
+class Check(Answer, published_as="CheckAnswer"):
+    """One move that shows whether the sign is right."""
 
-    `axis` goes to `position_mm` in `direction`; `moved_axis` then stands so much [µm] further
-    than without the table.
-    """
-
-    component: str
-    axis: str
-    position_mm: float
-    direction: str
-    moved_axis: str
-    expected_movement_um: float
+    component: Code
+    """ISO 230-1 code"""
+    axis: Annotated[str, Field(examples=["x"])]
+    """Axis that is moved"""
+    position_mm: Annotated[float, Field(examples=[200.0])]
+    """Where to [mm]"""
+    direction: Annotated[str, Field(examples=["+"])]
+    """Coming in which direction, `+` or `-`"""
+    moved_axis: Annotated[str, Field(examples=["x"])]
+    """Axis that then stands elsewhere than before"""
+    expected_movement_um: Annotated[Micro, Field(examples=[-10.0])]
+    """By how much, + in that axis' direction [µm]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,14 +239,7 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
     rendered = controller.render(wanted.table, options)
     for loaded in rendered.loaded:
         _expect_readable(loaded)
-    resampled = [
-        Resampled(
-            loaded.code,
-            loaded.component.unit.symbol,
-            difference(loaded, wanted.table.curves[loaded.code]),
-        )
-        for loaded in rendered.loaded
-    ]
+    resampled = [_resampled(loaded, wanted.table.curves[loaded.code]) for loaded in rendered.loaded]
     checks = [check for loaded in rendered.loaded for check in _checks(loaded, table)]
     warnings = [*table.warnings, *rendered.warnings]
     if controller.sign is None:
@@ -256,6 +259,11 @@ def export(controller: Format, table: ErrorTable, options: Options) -> Export:
         warnings=warnings,
         loaded=rendered.loaded,
     )
+
+
+def _resampled(loaded: Curve, wanted: Curve) -> Resampled:
+    off = difference(loaded, wanted)
+    return Resampled(loaded.code, abs(off.largest), off.position_mm, loaded.component.unit.symbol)
 
 
 def _counted_with_absent_axes(

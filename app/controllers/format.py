@@ -10,10 +10,12 @@ from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from app.answer import Answer, UnitSymbol
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import ErrorTable
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
+from app.rounding import Micro
 from app.units import Unit
 
 Axis = Annotated[str, Field(pattern=r"^[xyz]$")]
@@ -114,30 +116,33 @@ _SMALLEST_STEP_UM: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerFile:
-    """One file: `role` is `table`, `settings` or `check`; `axis` where it is one axis' own."""
+class ControllerFile(Answer, published_as="ExportedFileAnswer"):
+    """One file of an export."""
 
-    name: str
+    name: Annotated[str, Field(examples=["x.comp"])]
+    """Name, with its band's folder"""
     content: str
-    role: str = "table"
+    """Its text"""
+    role: Literal["table", "settings", "check"] = "table"
+    """`table`, `settings` that go into the controller's own, or `check`: what to look at after
+    loading"""
     axis: str | None = None
+    """Axis whose own file it is"""
 
 
 @dataclass(frozen=True, slots=True)
-class NotHeld:
-    """What a controller cannot hold, and why.
+class NotHeld(Answer, published_as="NotHeldAnswer"):
+    """What the controller does not hold."""
 
-    Parameters
-    ----------
-    largest
-        Largest displacement that it makes in the work volume [µm]; of a tilt of a rotary axis,
-        whose displacement depends on where the workpiece lies on its table, the angle [µrad].
-    """
-
-    component: str
-    largest: float
+    component: Annotated[str, Field(examples=["EYX"])]
+    """ISO 230-1 code"""
+    largest: Annotated[Micro, Field(examples=[9.1])]
+    """Largest displacement that it makes in the work volume at these temperatures, in `unit`; of a
+    tilt of a rotary axis the angle"""
     why: str
-    unit: str = Unit.UM.symbol
+    """Why not"""
+    unit: UnitSymbol = Unit.UM.symbol
+    """Its unit"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,53 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import Field
+
+from app.answer import Answer
 from app.controllers.format import Format
 from app.geometry.components import LINEAR_LETTERS
 from app.units import unit_of_field
 
-
-class Takes(StrEnum):
-    """What an option's value is."""
-
-    CHOICE = "choice"
-    NUMBER = "number"
-    WHOLE_NUMBER = "whole-number"
-    TEXT = "text"
-    COMPONENTS = "components"
+Takes = Literal["choice", "number", "whole-number", "text", "components"]
 
 
 @dataclass(frozen=True, slots=True)
-class OptionField:
-    """One option of a format.
+class OptionField(Answer, published_as="OptionAnswer"):
+    """One option of a format."""
 
-    Parameters
-    ----------
-    takes
-        What its value is; with `axes`, what each axis' value is.
-    axes
-        Axes of which it has one value each; empty where it has one value.
-    choices
-        What it may be; of `components` any number of them.
-    minimum, above, maximum
-        From where to where, in `unit`: `minimum` belongs to it, `above` does not.
-    default
-        What holds where it is not stated; None where nothing does.
-    """
-
-    name: str
+    name: Annotated[str, Field(examples=["spacing_mm"])]
+    """Name"""
     description: str
-    is_required: bool
+    """What it says"""
+    required: bool
+    """Whether it has to be stated"""
     default: Any
+    """What holds where it is not stated; null where nothing does"""
     takes: Takes
+    """What its value is; with `axes` what each axis' value is"""
     axes: tuple[str, ...] = ()
+    """Axes of which it has one value each, as an object; empty where it has one"""
     unit: str | None = None
+    """Unit of its value; null where it has none"""
     choices: tuple[Any, ...] = ()
+    """What it may be; of `components` any number of them, empty where it is free"""
     minimum: float | None = None
+    """Least value that it may have, in `unit`"""
     above: float | None = None
+    """Its value is larger than this, in `unit`"""
     maximum: float | None = None
+    """Greatest value that it may have, in `unit`"""
 
 
 def option_fields(controller: Format) -> Iterator[OptionField]:
@@ -58,7 +49,7 @@ def option_fields(controller: Format) -> Iterator[OptionField]:
 
     >>> from app.controllers.registry import format_named
     >>> sign, *_, decimals = option_fields(format_named("siemens-cec"))
-    >>> decimals.takes.value, decimals.minimum, decimals.maximum, decimals.default
+    >>> decimals.takes, decimals.minimum, decimals.maximum, decimals.default
     ('whole-number', 3, 7, 4)
     """
     schemas = controller.options.model_json_schema()["properties"]
@@ -103,12 +94,8 @@ def _of_each(schema: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _takes(schema: Mapping[str, Any], controller: Format) -> tuple[Takes, tuple[Any, ...]]:
     if "enum" in schema:
-        return Takes.CHOICE, tuple(schema["enum"])
+        return "choice", tuple(schema["enum"])
     if schema["type"] == "array":
-        return Takes.COMPONENTS, tuple(controller.holds)
-    kinds = {
-        "number": Takes.NUMBER,
-        "integer": Takes.WHOLE_NUMBER,
-        "string": Takes.TEXT,
-    }
+        return "components", tuple(controller.holds)
+    kinds: dict[str, Takes] = {"number": "number", "integer": "whole-number", "string": "text"}
     return kinds[schema["type"]], ()

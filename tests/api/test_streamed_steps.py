@@ -8,13 +8,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.rounding import DECIMALS
 from app.api.streamed_table import Feed, Table
 from app.api.streams import STEP_S, Follower, Wanted
 from app.api.table_json import current_table_json
 from app.compensation.table import Basis, CompensationTable, ComponentCompensation
 from app.compensation.table_steps import curves_of
 from app.geometry.components import COMPONENTS
+from app.rounding import DECIMALS
 from app.services.live_table import CurrentState, CurrentTable
 from app.thermal.reading import Reading
 

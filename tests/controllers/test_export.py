@@ -169,7 +169,7 @@ def test_fagors_crosses_are_the_mean_of_both_directions_and_0_at_machine_zero():
     (half,) = [one for one in found.not_held if "both directions" in one.why]
     assert (half.component, half.largest) == ("EXY", 3.0)
     compared = compare(controller, CROSSES, read_back("fagor", found, options), options)
-    assert [one.difference.largest for one in compared.components] == pytest.approx([0.0, 0.0])
+    assert [one.largest for one in compared.components] == pytest.approx([0.0, 0.0])
 
 
 def test_a_motor_that_steps_when_cec_begins_to_act_is_warned_of():
@@ -246,8 +246,8 @@ def test_what_was_just_exported_differs_by_resampling_alone(name):
     controller, options = format_named(name), options_for(name)
     found = export(controller, TABLE, options)
     compared = compare(controller, TABLE, read_back(name, found, options), options)
-    stated = {one.component: abs(one.difference.largest) for one in found.resampling}
-    both = {c.component: c.difference.largest for c in compared.components if c.state == "both"}
+    stated = {one.component: one.largest_deviation for one in found.resampling}
+    both = {c.component: c.largest for c in compared.components if c.state == "both"}
     assert set(both) == set(stated)
     for code, largest in both.items():
         assert abs(largest) <= stated[code] + 1e-5
@@ -268,13 +268,13 @@ def test_stale_forgotten_and_unknown_tables_are_found():
         "EXY": "missing",
         "EZX": "unknown",
     }
-    assert found["EXX"].difference.largest == pytest.approx(-5.0)
-    assert found["EXX"].difference.position_mm == 200.0
-    assert found["EYX"].difference.largest == pytest.approx(-9.1)
-    assert found["EXY"].difference.largest == pytest.approx(10.0)
-    assert found["EZX"].difference.largest == pytest.approx(4.0)
-    assert [abs(c.difference.largest) for c in found.values()] == sorted(
-        (abs(c.difference.largest) for c in found.values()), reverse=True
+    assert found["EXX"].largest == pytest.approx(-5.0)
+    assert found["EXX"].position_mm == 200.0
+    assert found["EYX"].largest == pytest.approx(-9.1)
+    assert found["EXY"].largest == pytest.approx(10.0)
+    assert found["EZX"].largest == pytest.approx(4.0)
+    assert [abs(c.largest) for c in found.values()] == sorted(
+        (abs(c.largest) for c in found.values()), reverse=True
     )
 
 
@@ -284,7 +284,7 @@ def test_a_sign_that_is_wrong_shows_as_twice_the_error():
     wrong = options_for("fanuc", sign="compensation")
     found = compare(controller, TABLE, read_back("fanuc", written, wrong), wrong)
     eyx = next(c for c in found.components if c.component == "EYX")
-    assert eyx.difference.largest == pytest.approx(-18.2, abs=1.1)
+    assert eyx.largest == pytest.approx(-18.2, abs=1.1)
 
 
 def test_another_machines_files_are_refused():
@@ -332,7 +332,7 @@ def test_files_of_an_inch_machine_are_compared_without_stating_it():
     files = [file for file in found.files if file.name in ("x.comp", "thermap.ini")]
     stated, read = read_files(controller, files, {})
     (exx,) = compare(controller, TABLE, read, stated).components
-    assert abs(exx.difference.largest) < 1e-3
+    assert abs(exx.largest) < 1e-3
     assert read.warnings == []
 
 

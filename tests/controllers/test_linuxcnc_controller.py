@@ -55,5 +55,5 @@ def test_the_motors_stand_where_the_table_says(kind):
         off.append((motor - commanded) * 1000.0 - wanted)
     assert np.abs(off).max() <= TOLERANCE_UM, dict(zip(map(tuple, MOVES), off, strict=True))
     # And what the controller holds is the table, as far as the export says.
-    stated = {one.component: abs(one.difference.largest) for one in found.resampling}
+    stated = {one.component: one.largest_deviation for one in found.resampling}
     assert max(stated.values()) < 0.25

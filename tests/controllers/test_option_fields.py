@@ -2,13 +2,13 @@
 
 import pytest
 
-from app.controllers.option_fields import Takes, option_fields
+from app.controllers.option_fields import option_fields
 from app.controllers.registry import FORMATS, options_of
 from app.errors import InvalidContent
 
 OPTIONS = [(name, option) for name, one in FORMATS.items() for option in option_fields(one)]
 NEEDED = {"sign": "error", "counts_per_mm": 1000.0}
-VALUES = {Takes.TEXT: "AX_1", Takes.COMPONENTS: ["EXX"]}
+VALUES = {"text": "AX_1", "components": ["EXX"]}
 
 
 def stated(name, option, value):
@@ -22,21 +22,21 @@ def stated(name, option, value):
 def edges(option):
     if option.takes in VALUES:
         return [VALUES[option.takes]]
-    if option.takes is Takes.CHOICE:
+    if option.takes == "choice":
         return list(option.choices)
     low = option.minimum if option.above is None else option.above + 1e-3
     return [low, option.maximum]
 
 
 def beyond(option):
-    if option.takes is Takes.TEXT:
+    if option.takes == "text":
         return ["two words"]
-    if option.takes is Takes.COMPONENTS:
+    if option.takes == "components":
         return []
-    if option.takes is Takes.CHOICE:
+    if option.takes == "choice":
         return ["another"]
     low = option.minimum - 1 if option.above is None else option.above
-    return [low, option.maximum + 1, "many", *([1.5] if option.takes is Takes.WHOLE_NUMBER else [])]
+    return [low, option.maximum + 1, "many", *([1.5] if option.takes == "whole-number" else [])]
 
 
 @pytest.mark.parametrize(("name", "option"), OPTIONS, ids=lambda one: getattr(one, "name", one))
@@ -53,9 +53,9 @@ def test_an_option_takes_what_its_field_says_and_nothing_beyond(name, option):
 @pytest.mark.parametrize("name", FORMATS)
 def test_what_has_a_default_need_not_be_stated(name):
     fields = list(option_fields(FORMATS[name]))
-    needed = {one.name: NEEDED[one.name] for one in fields if one.is_required}
+    needed = {one.name: NEEDED[one.name] for one in fields if one.required}
     options = options_of(FORMATS[name], needed)
-    defaults = {one.name: one.default for one in fields if not one.is_required}
+    defaults = {one.name: one.default for one in fields if not one.required}
     assert {one: getattr(options, one) for one in defaults} == defaults
     for one in fields:
         is_mm = one.name.endswith("_mm") and not one.name.endswith("_per_mm")

@@ -125,7 +125,7 @@ def test_files_are_read_back_as_they_were_meant(name, data, table, axes, factor)
         assert getattr(written_with, option) == getattr(options, option)
     assert read.machine == "mcfv5050"
     wanted = wanted_of(controller, table, options).table
-    differences = {one.component: one.difference for one in found.resampling}
+    differences = {one.component: one.largest_deviation for one in found.resampling}
     held = {one.code: one for one in found.loaded}
     assert set(held) == set(differences) == set(wanted.curves)
     for code, one in held.items():
@@ -135,7 +135,7 @@ def test_files_are_read_back_as_they_were_meant(name, data, table, axes, factor)
         for direction in "+-":
             assert parsed.at(at, direction) == pytest.approx(one.at(at, direction), abs=1e-6)
         off = abs(difference(parsed, wanted.curves[code]).largest)
-        assert off <= abs(differences[code].largest) + 1e-6
+        assert off <= differences[code] + 1e-6
         moved = {one.component.direction, one.component.axis} & set("xyz")
         assert moved <= set(axes)
 
@@ -166,7 +166,7 @@ def test_where_nothing_is_resampled_rounding_alone_is_left(name):
         table = error_table(curve("EXX", at, 30 * np.sin(np.arange(11)) - 30 * np.sin(5)))
     found = export(format_named(name), table, options)
     (one,) = found.resampling
-    assert abs(one.difference.largest) <= format_named(name).resolution(options) / 2 + 1e-9
+    assert one.largest_deviation <= format_named(name).resolution(options) / 2 + 1e-9
 
 
 @pytest.mark.parametrize("name", SIGNED)

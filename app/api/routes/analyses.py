@@ -21,7 +21,6 @@ from app.api.dependencies import (
 )
 from app.api.media_types import JSON
 from app.api.pages import Page
-from app.api.rounding import to_digits_in
 from app.api.router import Router
 from app.api.schemas.analyses import (
     AdoptionRequest,
@@ -34,6 +33,7 @@ from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
 from app.identification.plan.plan import Plan
 from app.pages.analysis_report import analysis_report, visits_page
+from app.rounding import to_digits_in
 from app.services.adopt_analysis import adopt_analysis, preview_adoption
 from app.services.analyses import (
     cancel_analysis,

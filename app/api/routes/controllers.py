@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import zipfile
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import Header, Path, Query
+from pydantic import TypeAdapter
 from starlette.responses import Response
 
 from app.access.keys import Role
@@ -17,23 +18,28 @@ from app.api.media_types import JSON, ZIP
 from app.api.negotiation import chosen_form
 from app.api.router import Router
 from app.api.schemas.controllers import (
-    CompareAnswer,
     CompareRequest,
-    ControllerAnswer,
-    ControllersAnswer,
-    ExportAnswer,
     ExportRequest,
-    ParseAnswer,
     ParseRequest,
     files_of,
 )
-from app.controllers.registry import FORMATS
-from app.services.controllers import compare_files, export_compensation, parse_files
+from app.services.controllers import (
+    Compared,
+    DescribedFormats,
+    Exported,
+    ParsedFiles,
+    compare_files,
+    describe_formats,
+    export_compensation,
+    parse_files,
+)
 
 router = Router(route_class=BodyRoute, tags=["controllers"])
 
 ANSWER_FILE = "thermap-answer.json"
 """What an answer says beside its files, in the zip."""
+
+_EXPORTED: Final = TypeAdapter(Exported)
 
 _ZIP: dict[int | str, dict[str, Any]] = {
     200: {"content": {ZIP: {"schema": {"type": "string", "format": "binary"}}}}
@@ -51,15 +57,15 @@ ControllerQuery = Annotated[
 
 
 @router.get("/v1/controllers", summary="List the controllers' file formats")
-def get_controllers() -> ControllersAnswer:
+def get_controllers() -> DescribedFormats:
     """List every format with its sign, units, limits, options, and how surely it is known."""
-    return ControllersAnswer(controllers=[ControllerAnswer.of(form) for form in FORMATS.values()])
+    return describe_formats()
 
 
 @router.post(
     "/v1/machines/{machine}/compensation/export",
     summary="Compensation as a controller's files",
-    response_model=ExportAnswer,
+    response_model=Exported,
     responses=_ZIP,
 )
 @needs(Role.VIEWER)
@@ -80,10 +86,9 @@ def post_export(
     exported = export_compensation(
         context, machine, controller, body.options, body.question(), bands
     )
-    answer = ExportAnswer.of(exported)
     if chosen_form(accept, [JSON, ZIP]) == ZIP:
-        return Response(_zip(answer), media_type=ZIP, headers={"Vary": "Accept"})
-    written = answer.model_dump_json(exclude_none=False)
+        return Response(_zip(exported), media_type=ZIP, headers={"Vary": "Accept"})
+    written = _EXPORTED.dump_json(exported)
     return Response(written, media_type=JSON, headers={"Vary": "Accept"})
 
 
@@ -95,12 +100,11 @@ def post_export(
 @needs(Role.VIEWER)
 def post_compare(
     context: ContextDep, machine: MachinePath, controller: ControllerQuery, body: CompareRequest
-) -> CompareAnswer:
+) -> Compared:
     """Compare a controller's files with the table: forgotten, stale and foreign compensation."""
-    compared = compare_files(
+    return compare_files(
         context, machine, controller, files_of(body.files), body.options, body.question()
     )
-    return CompareAnswer.of(compared)
 
 
 @router.post(
@@ -109,17 +113,19 @@ def post_compare(
     openapi_extra=body_of_at_most(32),
 )
 @needs(Role.VIEWER)
-def post_parse(controller: ControllerPath, body: ParseRequest) -> ParseAnswer:
+def post_parse(controller: ControllerPath, body: ParseRequest) -> ParsedFiles:
     """Say what files hold, in our sign and units; what would be read wrongly is refused."""
-    return ParseAnswer.of(*parse_files(controller, files_of(body.files), body.options))
+    return parse_files(controller, files_of(body.files), body.options)
 
 
-def _zip(answer: ExportAnswer) -> bytes:
+def _zip(answer: Exported) -> bytes:
     """Pack the files; their time is that of the answer, so that the same answer is the same zip."""
     packed = io.BytesIO()
     at = answer.computed_at
     date = (max(at.year, 1980), at.month, at.day, at.hour, at.minute, at.second)
-    head = answer.model_dump_json(indent=2, exclude={"files": {"__all__": {"content"}}})
+    head = _EXPORTED.dump_json(
+        answer, indent=2, exclude={"files": {"__all__": {"content"}}}
+    ).decode()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in [*((f.name, f.content) for f in answer.files), (ANSWER_FILE, head)]:
             archive.writestr(zipfile.ZipInfo(name, date), content)

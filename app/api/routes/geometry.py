@@ -15,7 +15,6 @@ from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
 from app.api.negotiation import chosen_form
-from app.api.rounding import rounded, rounded_up, to_tenth_nm
 from app.api.router import Router
 from app.api.schemas.accuracy import (
     AccuracyAnswer,
@@ -37,6 +36,7 @@ from app.api.vectors import vectors_response
 from app.arrays import largest_length, rms_length
 from app.geometry.line_accuracy import line_accuracy
 from app.geometry.nonrigid_presets import NONRIGID_PRESETS
+from app.rounding import rounded, rounded_up, to_tenth_nm
 from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
 from app.services.geometry import (
     assess_accuracy,

@@ -16,7 +16,6 @@ from app.api.media_types import CSV, HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
-from app.api.rounding import to_digits_in
 from app.api.router import Router
 from app.api.schemas.residuals import (
     MOST_ROWS,
@@ -27,6 +26,7 @@ from app.api.schemas.residuals import (
 )
 from app.identification.analysis.residual_curves import residual_curves
 from app.pages.residuals_page import ResidualsHead, residuals_page
+from app.rounding import to_digits_in
 from app.services.residuals import ShownResiduals, compare_models, show_residuals
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])

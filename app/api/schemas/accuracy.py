@@ -8,7 +8,6 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Integer, Number, Schema
 from app.api.schemas.error_field import AnswerHead, VolumeRequest
 from app.api.schemas.machines import TravelSchema
@@ -18,6 +17,7 @@ from app.geometry.error_table import Table
 from app.geometry.line_accuracy import LineAccuracy
 from app.geometry.volumetric_accuracy import Spread, VolumetricAccuracy
 from app.geometry.work_volume import WorkVolume
+from app.rounding import Digits, Micro
 
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Deviation = Annotated[Number, Field(ge=0)]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.rounding import rounded, to_digits_in, to_digits_of
 from app.api.schemas.base import (
     Name,
     Number,
@@ -33,6 +32,7 @@ from app.errors import InvalidContent, UnknownComponent
 from app.field_errors import way_of
 from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
+from app.rounding import rounded, to_digits_in, to_digits_of
 from app.thermal.error_map import ComponentTable, ErrorMap
 
 if TYPE_CHECKING:

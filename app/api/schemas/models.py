@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import Field, RootModel, field_validator
 
-from app.api.rounding import Digits, Parameters
 from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.effects.valid import LearntIn
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import COMPONENTS, ORDER, parse_component
+from app.rounding import Digits, Parameters
 
 if TYPE_CHECKING:
     from app.effects.adopted.model_difference import ModelWithEffects

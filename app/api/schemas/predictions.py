@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Micro
 from app.api.schemas.base import (
     Direction,
     Integer,
@@ -21,6 +20,7 @@ from app.api.schemas.base import (
 from app.api.schemas.in_pieces import InPieces
 from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, Component, parse_component
+from app.rounding import Micro
 
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion

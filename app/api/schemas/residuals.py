@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 from pydantic import ConfigDict, Field
 
 from app.answer import IN_ITS_UNIT
-from app.api.rounding import Micro
 from app.api.schemas.analyses import ChosenVerifications
 from app.api.schemas.base import Integer, Number, Schema, UtcTime
 from app.identification.analysis.residual_report import Size
 from app.identification.residuals.residuals import LeftOut
 from app.identification.residuals.summary import Summary
+from app.rounding import Micro
 
 if TYPE_CHECKING:
     from app.identification.analysis.residual_report import ResidualReport

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
-from app.api.rounding import Micro
 from app.api.schemas.base import Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, triple
 from app.api.schemas.volumetric_error import Points
+from app.rounding import Micro
 
 if TYPE_CHECKING:
     from app.arrays import FloatArray

@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Any, Final
 
 from app.controllers.format import SIGN_WORDS, Format, Status
-from app.controllers.option_fields import OptionField, Takes, option_fields
+from app.controllers.option_fields import OptionField, option_fields
 from app.controllers.registry import FORMATS
 from app.errors import capitalised
 from app.pages.dashboard.navigation import Shown
@@ -57,7 +57,7 @@ def _option(option: OptionField, writable: Sequence[str]) -> dict[str, Any]:
     """Lay out one option as fields of a form, with what holds where they are left as they are."""
     unit = option.unit or ""
     choices = option.choices
-    if option.takes is Takes.COMPONENTS:
+    if option.takes == "components":
         choices = tuple(writable) or choices
     stated = option.name.removesuffix(_SUFFIXES.get(unit, "")).replace("_", " ")
     return {
@@ -65,12 +65,12 @@ def _option(option: OptionField, writable: Sequence[str]) -> dict[str, Any]:
         "label": capitalised(stated),
         "unit": unit,
         "about": option.description.replace("`", ""),
-        "takes": option.takes.value,
-        "is_required": option.is_required,
+        "takes": option.takes,
+        "is_required": option.required,
         "range": _range(option),
         "default": _default(option),
         "choices": [_choice(one, option) for one in choices],
-        "is_group": bool(option.axes) or option.takes is Takes.COMPONENTS,
+        "is_group": bool(option.axes) or option.takes == "components",
         "inputs": _inputs(option),
     }
 
@@ -97,7 +97,7 @@ def _choice(value: Any, option: OptionField) -> dict[str, Any]:
 
 def _default(option: OptionField) -> str:
     """Say in words what holds where an option is left out; empty where its description does."""
-    if option.takes is Takes.COMPONENTS or option.default in (None, {}):
+    if option.takes == "components" or option.default in (None, {}):
         return ""
     if option.axes:
         return ", ".join(f"{a.upper()} {_text(v)}" for a, v in option.default.items())
@@ -107,7 +107,7 @@ def _default(option: OptionField) -> str:
 def _range(option: OptionField) -> str:
     r"""Say from where to where an option may lie.
 
-    >>> _range(OptionField("a_mm", "", False, None, Takes.NUMBER, unit="mm", above=0, maximum=5))
+    >>> _range(OptionField("a_mm", "", False, None, "number", unit="mm", above=0, maximum=5))
     'above 0 to 5\xa0mm'
     """
     if option.maximum is None:

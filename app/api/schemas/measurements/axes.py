@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Number, Point, Schema
 from app.api.schemas.measurements.base import (
     Axis,
@@ -16,6 +15,7 @@ from app.api.schemas.measurements.base import (
     Repeatability,
     Runs,
 )
+from app.rounding import Digits, Micro
 
 if TYPE_CHECKING:
     from app.measurement.positioning import Positioning

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from app.api.rounding import Digits
 from app.api.schemas.base import Millimetres, Name, Number, Schema, Temperatures, UtcTime
 from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
 from app.api.schemas.model_change import (
@@ -16,6 +15,7 @@ from app.api.schemas.model_change import (
     difference_fields,
 )
 from app.field_errors import way_of
+from app.rounding import Digits
 
 if TYPE_CHECKING:
     from app.services.measurements import MapHeader, Measured

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Micro
 from app.api.schemas.base import Number, Point, Schema
 from app.api.schemas.error_field import Volume
 from app.api.schemas.error_maps import ComponentSchema
@@ -18,6 +17,7 @@ from app.api.schemas.measurements.base import (
 )
 from app.errors import InvalidContent
 from app.geometry.error_table import Table
+from app.rounding import Micro
 
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Rows = Annotated[list[Triple], Field(min_length=1, max_length=1000)]

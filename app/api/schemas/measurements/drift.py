@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Digits
 from app.api.schemas.base import MachineState, Millimetres, Number, Point, Schema, UtcTime
 from app.api.schemas.error_maps import ComponentAnswer
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.measurements.base import Axis, MeasurementAnswer, MeasurementRequest
 from app.errors import InvalidContent
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
+from app.rounding import Digits
 from app.services.thermal_drift import DriftReading
 from app.units import SECONDS_PER_MIN
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Digits, Micro
 from app.api.schemas.base import Millimetres, Number, Point, Schema
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.measurements.base import (
@@ -15,6 +14,7 @@ from app.api.schemas.measurements.base import (
     MeasurementRequest,
     Runs,
 )
+from app.rounding import Digits, Micro
 
 if TYPE_CHECKING:
     from app.measurement.machined_part import Comparison

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Field
 
-from app.api.rounding import Digits
 from app.api.schemas.base import Integer, Number, Point
 from app.api.schemas.error_field import AnswerHead, FieldRequest, head_of, triple
+from app.rounding import Digits
 
 if TYPE_CHECKING:
     from app.services.measurements import SimulatedReadings, StepDiagonalPlan

@@ -11,10 +11,8 @@ from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import PlainSerializer
-
-from app.api.schemas.base import Number
-from app.arrays import FloatArray
 
 DECIMALS: Final = 4
 """Of µm, µrad, µm/m and µrad/m."""
@@ -24,6 +22,9 @@ DIGITS: Final = 9
 
 MOST_EXACT: Final = 22
 """The largest power of ten that a number holds exactly."""
+
+SLIGHT: Final = 1e-6
+"""So little above a tenth of a nanometre is no reason for the next one [0.1 nm]."""
 
 UNIX_DECIMALS: Final = 3
 """Of times in seconds since 1970, of which nine digits would be ten seconds."""
@@ -50,7 +51,7 @@ def to_digits(number: float) -> float:
     return float(f"{number:.{DIGITS}g}") + 0.0
 
 
-def to_digits_of(numbers: FloatArray) -> FloatArray:
+def to_digits_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Round an array as `to_digits` does a number.
 
     >>> to_digits_of(np.array([1.0 / 3.0, 0.0, -2e6 / 3.0])).tolist()
@@ -96,7 +97,7 @@ def to_digits_in(found: Any, stored: Collection[str] = ()) -> Any:
     return found
 
 
-def rounded(micro: FloatArray) -> FloatArray:
+def rounded(micro: NDArray[np.float64]) -> NDArray[np.float64]:
     """Round an array of µm or µrad to 0.1 nm or 0.1 nrad.
 
     Parameters
@@ -116,7 +117,7 @@ def rounded(micro: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.round(micro, DECIMALS) + 0.0)
 
 
-def rounded_up(micro: FloatArray) -> FloatArray:
+def rounded_up(micro: NDArray[np.float64]) -> NDArray[np.float64]:
     """Round bounds up to 0.1 nm or 0.1 nrad, so that they stay bounds.
 
     Parameters
@@ -132,18 +133,18 @@ def rounded_up(micro: FloatArray) -> FloatArray:
     >>> rounded_up(np.array([0.27501, 0.275, 0.0])).tolist()
     [0.2751, 0.275, 0.0]
     """
-    # A rounding error above a tenth of a nanometre is no reason for the next one.
-    tenths = np.ceil(micro * 10**DECIMALS - 1e-6)
+    tenths = np.ceil(micro * 10**DECIMALS - SLIGHT)
     return rounded(tenths / 10**DECIMALS)
 
 
-Micro = Annotated[Number, PlainSerializer(to_tenth_nm, return_type=float, when_used="json")]
+Micro = Annotated[float, PlainSerializer(to_tenth_nm, return_type=float, when_used="json")]
 """A computed number of µm, µrad, µm/m or µrad/m."""
 
-Digits = Annotated[Number, PlainSerializer(to_digits, return_type=float, when_used="json")]
+Digits = Annotated[float, PlainSerializer(to_digits, return_type=float, when_used="json")]
 """A computed number that others may divide by, or of a unit that its name says."""
 
 Parameters = Annotated[
-    dict[str, Number], PlainSerializer(to_digits_in, return_type=dict[str, float], when_used="json")
+    Mapping[str, float],
+    PlainSerializer(to_digits_in, return_type=dict[str, float], when_used="json"),
 ]
 """Computed numbers by name with unit."""
