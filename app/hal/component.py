@@ -329,6 +329,8 @@ def follow(hal: Any, options: argparse.Namespace) -> None:
             f"({', '.join(nodes).upper()}), got {len(options.joint)} joints"
         )
     most_um = options.rate_um_per_s * options.period_s
+    # From what the curves hold, which after a restart is what the run before left: zero would be a
+    # step.
     following = Following(nodes, pins.held(nodes), most_um, 3.0 * options.every_s)
     service = Service(options.url, options.machine, TIMEOUT_S)
     exchange = Exchange(service, nodes, options.every_s, options.limit_um)
@@ -342,6 +344,9 @@ def follow(hal: Any, options: argparse.Namespace) -> None:
             for table, at in exchange.answers():
                 following.answered(table, at)
             active = pins.is_active(options.joint)
+            # A step by both clocks: by the thread's the last one has been taken, by ours (the sleep
+            # below) a period has gone by. The heartbeat beats at every tick, whatever the thread
+            # does.
             if pins.clock_s() >= due_s:
                 pins.write(following.step(active))
                 due_s = pins.clock_s() + options.period_s

@@ -210,6 +210,9 @@ def stepped(present: Curves, target: Curves, most_um: float) -> Curves:
         What no axis moves by more than, at whatever position the machine stands [µm].
     """
     change = between(present, target)
+    # The curves that move an axis are largest at places of their own: the sum of these is a bound
+    # that holds wherever the machine stands. One share for all curves, so that what lies on the way
+    # is a mean of two tables, and no component arrives before another.
     largest = max(largest_moves(change).values())
     if largest <= most_um:
         return target

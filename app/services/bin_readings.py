@@ -66,6 +66,8 @@ class ReadingBinner(Background):
             until = min(self._settled(newest_id(session)), done + SLICE)
             written = hours_written_between(session, done, until) if until > done else {}
             stale = stale_hours(session, SLICE)
+        # Of an hour of which readings have gone, what was binned of it; those above `done` have
+        # their turn below, with their hour.
         self._bin(stale, done)
         if not self._bin(written, until):
             return False
@@ -90,6 +92,10 @@ class ReadingBinner(Background):
         """Say up to which number all readings are committed that ever will be."""
         if self._context.database.is_sqlite:  # which has one writer at a time
             return newest
+        # Numbers are given in order, and committed in any. What has a smaller number than the
+        # newest one of then was begun before it was seen, and has ended since: no transaction is
+        # open for `SETTLED_S`. The last number that was settled stays first in the row, as of long
+        # ago, until the next one is.
         now_s = monotonic()
         self._seen.append((now_s, newest))
         settled = 0

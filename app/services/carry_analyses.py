@@ -96,6 +96,8 @@ class AnalysisCarrier:
         owner = str(uuid4())
         try:
             with self._context.database.writing() as session:
+                # A unique index holds one that runs of each machine: of two who begin at once the
+                # database refuses the later one.
                 if not begin_analysis(session, analysis_id, owner, self._context.now()):
                     return Carried.OVER
         except IntegrityError:
@@ -207,6 +209,8 @@ class AbandonedAnalyses:
         now_s = self._clock()
         before, self._seen = self._seen, {}
         for number, beats in running.items():
+            # What counts is how long ago the count changed, as seen from here: a process that was
+            # frozen for less than `PATIENCE_S` beats once more, and goes on.
             last_beat = before.get(number)
             since_s = last_beat[1] if last_beat is not None and last_beat[0] == beats else now_s
             self._seen[number] = beats, since_s
@@ -216,6 +220,8 @@ class AbandonedAnalyses:
     def _give_up(self, analysis_id: int, owner: str, beats: int) -> None:
         now = self._context.now()
         with self._context.database.writing() as session:
+            # Of this owner with these beats: where it has beaten since it was looked at, nothing
+            # happens.
             became = give_up(session, analysis_id, owner, beats, now)
             if became is None:
                 return

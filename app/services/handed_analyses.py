@@ -181,6 +181,8 @@ class HandedAnalyses:
             return
         runs = await asyncio.to_thread(self._running)
         for job in jobs:
+            # To Procrastinate a worker that was cut off for a while is gone, too: as long as its
+            # analysis runs, by that one's own beats, its job stays.
             if _analysis_of(job) not in runs:
                 with suppress(ProcrastinateException):  # another one ended it first
                     await app.job_manager.finish_job(job, Status.FAILED, delete_job=True)
@@ -194,6 +196,7 @@ class HandedAnalyses:
         waiting = await asyncio.to_thread(self._waiting)
         if not waiting:
             return
+        # In this order: a job that is taken between the two questions is in the second answer.
         for status in (Status.TODO, Status.DOING):
             for job in await app.job_manager.list_jobs_async(task=TASK, status=status.value):
                 waiting.pop(_analysis_of(job), None)

@@ -175,6 +175,8 @@ def _judged_now(
         with context.database.reading() as session:
             number = find_machine(session, machine_id).active_version
             judged = Judged(number, not_judged(number, error.detail))
+    # Judging takes seconds, and nothing is locked meanwhile. So it is looked now, with the machine
+    # held, whether all that it rests on is as it was; if not, it is judged once more.
     with context.database.writing() as session:
         find_machine(session, machine_id, RowLock.CHANGED)
         row = find_verification(session, machine_id, verification_id)

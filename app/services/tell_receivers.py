@@ -224,6 +224,17 @@ def due_news(
         The second is the smallest number of an entry that cannot be dealt with yet although its
         alarm went, as it may come again; None where there is none.
     """
+    # What a receiver is told of a machine, by the alarms that it is told of at all:
+    #
+    #     one lasts long enough that it does not know           CAME, with all that last
+    #     it knows all that last, told repeat_after ago         LASTS
+    #     none lasts, and none may come again:
+    #         it knows of one                                   OVER
+    #         it knows of none, one lasted long enough          PASSED
+    #     else                                                  nothing yet
+    #
+    # One that went but may come again, or was not told beside one that lasts, is looked at again:
+    # `settled` stays below its number. What lasts is read whatever its number.
     of_machines: dict[str, list[NumberedAlarm]] = defaultdict(list)
     for alarm in alarms:
         if _concerns(alarm.event, rules):

@@ -69,6 +69,14 @@ def begin_passing(
         .order_by(EventRow.id.desc())
         .limit(MOST_ALTERNATING)
     )
+    # What comes of an alarm of this subject:
+    #
+    #     the log has one with these details that ...     then
+    #       lasts                                         nothing is written
+    #       went within COMES_AGAIN_WITHIN                it lasts again, and is counted
+    #       went before that, or there is none            a new entry
+    #
+    # One with other details that lasts ends in all three.
     earlier = list(session.scalars(query))
     for row in earlier:
         if row.until is None and row.details != details:

@@ -62,6 +62,7 @@ def hand_out(session: Session, analysis_id: int, machine_id: str) -> None:
     from procrastinate.manager import JobManager
     from procrastinate.tasks import configure_task
 
+    # By the connection of this transaction: there is no job without its analysis, and none is lost.
     connection = session.connection()
     with _in_schema(connection):
         task = configure_task(
@@ -108,6 +109,7 @@ def queue_connector(database: Database, most: int) -> PsycopgConnector:
 @contextmanager
 def _in_schema(connection: Connection) -> Iterator[None]:
     """Let names without a schema be the queue's, within a transaction."""
+    # For the transaction alone (`true` below): where one fails, the path goes back with it.
     before = connection.scalar(text("SELECT current_setting('search_path')"))
     _search(connection, SCHEMA)
     yield

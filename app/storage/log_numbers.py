@@ -36,6 +36,11 @@ def number_entries(session: Session) -> bool:
     session.flush()  # all other locks are taken before this one
     if session.get_bind().dialect.name == "postgresql":
         session.execute(select(func.pg_advisory_xact_lock(NUMBERING)))
+    #     A   rows ── flush ──[lock ─ max 7 ─ writes 8 ─ commit]
+    #     B   rows ── flush ── waits ......................[lock ─ max 8 ─ writes 9 ─ commit]
+    #
+    # A statement of its own after the lock: at READ COMMITTED, PostgreSQL's usual level, it sees
+    # what the one before has committed. The lock goes with the commit, after it.
     last = session.scalar(select(func.max(EventRow.number))) or 0
     for number, row in enumerate(rows, last + 1):
         row.number = number

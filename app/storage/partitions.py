@@ -85,6 +85,8 @@ def _name(month: datetime) -> str:
 def _make(connection: Connection, month: datetime) -> None:
     """Make a month, and take what is already there of it out of the default partition."""
     name, first, last = _name(month), month.isoformat(), month_after(month).isoformat()
+    # ATTACH refuses a month of which the default partition has readings: they are moved first, and
+    # none may come in between.
     connection.exec_driver_sql("LOCK TABLE reading IN ACCESS EXCLUSIVE MODE")
     connection.exec_driver_sql(f"CREATE TABLE {name} (LIKE reading INCLUDING DEFAULTS)")
     connection.exec_driver_sql(

@@ -18,6 +18,8 @@ from app.thermal.temperature_bins import PARTS, merge_bins, no_bins
 HOUR: Final = timedelta(hours=1)
 MINUTE_S: Final = 60
 
+# 1970 began on the Julian day 2440587.5. SQLite's '%s' cuts the fraction of a second off: enough
+# for the place of a bin, not for the first and last time in it.
 _BINS: Final = {
     "postgresql": (
         "SELECT v.key, floor(extract(epoch FROM r.time) / :width) * :width AS start, "
