@@ -85,6 +85,14 @@ class Gate:
     def _is_from_own_page(
         self, host: bytes | None, origin: bytes | None, site: bytes | None
     ) -> bool:
+        #     Origin     Sec-Fetch-Site           who sends it                       may it write
+        #     listed     any                      a page that may                    yes
+        #     any        cross-site, same-site    another site's page                no
+        #     any        same-origin              our own page                       yes
+        #     none       none                     an address that somebody typed     yes
+        #     stated     none, or not stated      an older browser: see the host     if it is ours
+        #
+        # Without both it is no browser, and does not come here.
         if origin is not None and origin.lower() in self._origins:
             return True
         if site is not None and site not in _OWN_SITES:

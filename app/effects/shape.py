@@ -22,6 +22,7 @@ from app.thermal.group import Group
 from app.thermal.map_weights import read_maps
 from app.thermal.resampling import hat_weights
 
+# At a crest a polygon of n corners a pitch lies up to 1 − cos(π/n) below its sine.
 POINTS_A_PITCH: Final = 16
 """A polygon of so many corners a pitch is within 2 % of its sine."""
 

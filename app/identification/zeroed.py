@@ -45,6 +45,7 @@ def with_true_zeros(rows: ObservationRows) -> ObservationRows:
     zeroed_at_first = [number for number in undeclared if number not in others]
     here = np.isin(rows.verification, zeroed_at_first)
     firsts, later = np.count_nonzero(here & is_first), here & ~is_first
+    # Laplace's rule of succession: where none of n others is 0, the next one may be with 1/(n + 2).
     chance = (np.count_nonzero(is_zero[later]) + 1.0) / (np.count_nonzero(later) + 2.0)
     if not 0 < firsts <= np.count_nonzero(later) or chance**firsts > ZEROS_BY_CHANCE:
         return rows

@@ -310,7 +310,9 @@ def squareness_of(errors_um: FloatArray, affine: AffineFit, grid: GridFit | None
         A rotation adds to one slope what it takes from the other.
     """
     if grid is None:
+        # A rotation by φ is e_x = −φ y and e_y = φ x: in the sum of the slopes there is none of it.
         slope = affine.slopes[0, 1] + affine.slopes[1, 0]
+        # The slope of e_x is that along y, with the noise of x, and the other way round.
         along = np.diagonal(affine.unit_covariance)[::-1]
         of_slope = math.sqrt(float(affine.noise_um**2 @ along))
         return Squareness(float(slope) * MM_PER_M, of_slope * MM_PER_M)

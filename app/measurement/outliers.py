@@ -23,6 +23,7 @@ FEWEST_TO_JUDGE: Final = 6
 FEWEST_STEPS_TO_JUDGE: Final = 4
 """Of fewer none can be told from the rest."""
 
+# √(π/2).
 NORMAL_PER_MEAN: Final = 1.2533
 """Standard deviation over mean of absolute deviations, of a normal distribution: it serves where
 more than half of the values are equal."""

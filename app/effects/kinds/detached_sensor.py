@@ -88,6 +88,7 @@ def _hypothesis(sensor: str, around: str, codes: tuple[str, ...]) -> Hypothesis:
 
 def _reported(estimate: Estimate) -> Reported:
     """Give the share of the body, 1 / (1 + k)."""
+    # T = s B + (1 − s) A, so the body is at B = T + k (T − A) with k = (1 − s)/s; ds/dk = −s².
     k, variance = float(estimate.coefficients[0]), float(estimate.covariance[0, 0])
     share = 1.0 / (1.0 + max(k, -MOST_OVERSHOT))
     return Reported({"share": share}, {"share": variance**0.5 * share**2})

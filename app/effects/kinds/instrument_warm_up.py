@@ -151,5 +151,7 @@ def _supposed(
     rows, tau_s = projection.rows, float(theta or TIME_CONSTANTS_S[0])
     supposed = np.zeros(len(rows))
     measured = rows.of_channel(code)
+    # (1 − e^(−t/τ)) / (1 − e^(−T/τ)), 1 at the end T of the longest visit; by expm1, since of
+    # visits much shorter than τ both are nearly 0.
     supposed[measured] = np.expm1(-_since_s(rows, measured) / tau_s) / np.expm1(-longest_s / tau_s)
     return supposed

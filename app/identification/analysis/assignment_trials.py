@@ -125,6 +125,7 @@ class Trial:
     @cached_property
     def chosen(self) -> IntArray:
         """The other sensor that all other set-ups choose, for each set-up, shape (V,)."""
+        # The sum over all set-ups less each by itself: what all others lose.
         others = self.losses[1:].sum(axis=1)[:, None] - self.losses[1:]
         best: IntArray = np.argmin(others, axis=0)
         return best
@@ -269,6 +270,8 @@ def largest_by_chance(trials: Sequence[Trial]) -> FloatArray:
     gains = np.concatenate([trial.shares for trial in trials])
     sizes = np.sqrt(np.sum(gains**2, axis=1, keepdims=True))
     gains = gains / np.where(sizes > 0.0, sizes, 1.0)
+    # One sign for each set-up, the same in all components and for all sensors: these gain together,
+    # and the largest of many that are alike is no larger than one of them.
     signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (DRAWN, gains.shape[1]))
     largest: FloatArray = (signs @ gains.T).max(axis=1)
     return largest

@@ -115,6 +115,8 @@ class World(NamedTuple):
         >>> World(1.0, "").change, World(0.5, "").change, World(0.0, "").change
         (-1.0, 0.0, 2.0)
         """
+        # For s normally distributed, of 1 − 2 s: its mean, once more what is above 0 (harm), and
+        # what is below −1 not at all (s above 1).
         mean, error = 1.0 - 2.0 * self.share, 2.0 * self.error
         harm, beyond = (_positive_part(m, error) for m in (mean, -1.0 - mean))
         return mean + harm + beyond
@@ -409,6 +411,8 @@ def _share_shown(
     variance = float(np.sum((weights * noise) ** 2) + np.sum(together**2))
     # Or as set-ups differ, where they do by more.
     _, visit = np.unique(finished.rows.visit[rows][claimed != 0.0], return_inverse=True)
+    # What each visit is off by in the sum above, whatever makes it so: these parts' squares are its
+    # variance, n/(n − 1) times as large since the share was fitted to them.
     apart = np.bincount(visit, weights=(weights * (measured - share * claimed))[claimed != 0.0])
     between = float(apart @ apart) * apart.size / max(apart.size - 1, 1)
     return share, float(np.sqrt(max(variance, between))) / size

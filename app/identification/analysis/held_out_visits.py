@@ -53,6 +53,8 @@ def markedly_worse(finished: FinishedSearch, predicted: FloatArray) -> Iterator[
     for which in np.unique(set_up[predicted[seen] != 0.0]).tolist():
         of_setup = seen & (finished.set_up == which)
         c, visit = int(finished.rows.channel[of_setup][0]), int(finished.rows.visit[of_setup][0])
+        # Of many visits one is worse by chance more often than of one: each has its share of
+        # ONE_SIDED.
         of_channel = np.unique(set_up[finished.rows.channel[seen] == c]).size
         often = -float(ndtri(ONE_SIDED / of_channel))
         scatter = _scatter_of_visit(finished, c, visit, int(count[which]))
@@ -64,6 +66,7 @@ def _scatter_of_visit(finished: FinishedSearch, channel: int, visit: int, count:
     """Say how far a visit lies off as a whole by its set-up and its repeatability."""
     noise, setup = finished.scatter(channel)
     is_zeroed = finished.rows.datum.get((visit, channel)) is Datum.FIRST
+    # The noise of a first observation that is the zero is in all the others.
     return float(np.sqrt(setup**2 + noise**2 * (1.0 / count + is_zeroed)))
 
 
@@ -143,6 +146,7 @@ def is_above_zero(gains: FloatArray, chance: float) -> bool:
     """Whether the mean gain of set-ups is above zero but for a chance; not known of a few."""
     if len(gains) < FEWEST_GAINS:
         return False
+    # Student's t, one-sided; the quantile of so small a probability is negative.
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
     return bool(np.mean(gains) > -stdtrit(len(gains) - 1, chance) * error)
 

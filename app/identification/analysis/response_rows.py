@@ -125,6 +125,7 @@ class SetUp:
         """The set-up as a response is learnt from it."""
         first = 1 if self.is_zeroed else 0
         columns = self.found.values
+        # Pieces of one record count from one time: its wander goes on from one to the next.
         origin_s = self.times_s[0] if self.record is None else 0.0
         return Course(
             ((self.times_s - origin_s) / SECONDS_PER_MIN)[first:],

@@ -104,6 +104,7 @@ def hours_of_day(times_s: FloatArray) -> str:
     if np.unique(times_s // SECONDS_PER_DAY).size < FEWEST_DAYS:
         return ""
     of_day = np.unique(times_s % SECONDS_PER_DAY)
+    # On the circle of a day: all times lie in what the widest gap leaves of it, over midnight too.
     gaps = np.diff(np.append(of_day, of_day[0] + SECONDS_PER_DAY))
     widest = int(np.argmax(gaps))
     if SECONDS_PER_DAY - gaps[widest] > ONE_HOUR_S:

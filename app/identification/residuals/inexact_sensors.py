@@ -71,6 +71,7 @@ def error_columns(
             continue
         read_s, _ = readings.series(sensor)
         inexactness = inexact[sensor]
+        # The stay of the reading that is nearest in time.
         stay = inexactness.stay[np.searchsorted((read_s[1:] + read_s[:-1]) / 2.0, times_s)]
         change = left_by_temperatures(projection, {sensor: np.full(n, inexactness.error_k)})
         stays, place = np.unique(stay, return_inverse=True)
