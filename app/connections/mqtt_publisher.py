@@ -122,6 +122,8 @@ class TablePublisher:
             await self._something.wait()
             self._something.clear()
             while self._latest:
+                # The oldest first, and taken out before it is sent: what is put meanwhile stands
+                # behind the others, and is sent as well.
                 topic = next(iter(self._latest))
                 content = self._latest.pop(topic)
                 try:

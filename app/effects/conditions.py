@@ -445,6 +445,8 @@ class Conditions:
         read = self.lags.at(Signal("temperature", sensor), about_s.ravel()).reshape(about_s.shape)
         is_known = np.isfinite(read)
         middle = len(ABOUT_S) // 2
+        # By how many minutes it is known to both sides without a hole: 1 as long as it goes on,
+        # then 0.
         both = is_known[:, middle + 1 :] & is_known[:, :middle][:, ::-1]
         reach = np.cumprod(both, axis=1).sum(axis=1)
         smoothed: FloatArray = np.sum(PARABOLA[reach] * np.where(is_known, read, 0.0), axis=1)

@@ -252,6 +252,12 @@ def make_version(
         draft.reason,
         context.now(),
     )
+    #     made ── loses nothing, or that is accepted ──▶ active: tables follow it
+    #       │                                              ▲
+    #       └── loses something ──▶ waiting ───────────────┘ somebody accepts what it loses, or a
+    #                                 │  ▲                   later version made of it loses nothing
+    #                                 └──┘
+    #                  what is stored meanwhile is made of it, or it anew of another active one
     is_active = accept_losses or not difference.loses
     was_active = change.row.active_version
     if is_active:

@@ -332,6 +332,7 @@ def _combined(
         variances.append(variance)
     covariances = {}
     for first, other in neighbours:
+        # Two sums over tables that are independent: their covariance is what they have in common.
         shared = of_states[first].keys() & of_states[other].keys()
         if shared:
             covariances[first, other] = np.sum(

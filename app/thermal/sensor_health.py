@@ -472,6 +472,7 @@ def _jumped(sensor: Sensor, times: FloatArray, values: FloatArray) -> BoolArray:
     allowance = CLEARLY * sensor.resolution_c
     rate = sensor.max_rate_c_per_min / SECONDS_PER_MIN
     jumped = np.zeros(values.shape, dtype=bool)
+    # Where none is too far from the one before, each is believed by that one, and nothing jumped.
     if (np.abs(np.diff(values)) <= rate * np.diff(times) + allowance).all():
         return jumped
     trusted = 0
@@ -542,5 +543,6 @@ def _neighbours_movement(
             spans.append(np.where(place >= 0, so_far[np.maximum(place, 0)], 0.0))
     if not spans:
         return np.zeros(until_s.shape)
+    # Of an even number the lower one: of two neighbours both must have moved.
     lower_middle: FloatArray = np.sort(spans, axis=0)[(len(spans) - 1) // 2]
     return lower_middle

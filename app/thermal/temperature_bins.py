@@ -73,6 +73,7 @@ def merge_bins(bins: FloatArray, width_s: float) -> FloatArray:
     counts = np.add.reduceat(bins[:, Part.COUNT], firsts)
     sums = np.add.reduceat(bins[:, Part.COUNT] * bins[:, Part.MEAN], firsts)
     gaps = bins[:, Part.GAP].copy()
+    # A gap counts in the bin in which it ends.
     between = bins[1:, Part.FIRST] - bins[:-1, Part.LAST]
     gaps[1:] = np.maximum(gaps[1:], between)
     return np.column_stack(

@@ -98,6 +98,8 @@ def contributions(projection: Projection, effects: Sequence[Effect]) -> Contribu
     _leave_out_unknown(projection, parts, use)
     of_maps = _by_component(parts)
     plain = _plain_weights(projection.model, of_maps, aside.conditions)
+    # An effect that is left out changes which maps enter, and by that what others have in common:
+    # so it is looked again. Each time some effect loses some rows, so that it ends.
     while apart := _without_common_range(projection.model, of_maps, plain, use.takes_part):
         for number, rows in apart.items():
             use.leave_out(number, rows, NOT_COMMON)

@@ -135,6 +135,8 @@ def _fit(effects: FloatArray, nuisance: FloatArray, prior: FloatArray, values: F
             return np.zeros((0, *rows.shape[1:]))
         return np.asarray(cho_solve(normal, nuisance.T @ rows), dtype=np.float64)
 
+    # The nuisances eliminated: what is left of the effects when these are fitted, each against its
+    # prior, which stands in the normal equations as 1/σ².
     remaining = effects - nuisance @ of_nuisance(effects)
     covariance = np.asarray(np.linalg.pinv(effects.T @ remaining, hermitian=True), dtype=np.float64)
     amplitudes = covariance @ (remaining.T @ values)

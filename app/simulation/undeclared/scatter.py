@@ -72,6 +72,7 @@ def draw_scatter(
     of_tails, of_instrument = rng.spawn(2)
     noise = conditions.repeatability_um * rng.standard_normal(m)
     if conditions.heavy_tails:
+        # Student's t with ν degrees of freedom has the variance ν/(ν − 2).
         noise = conditions.repeatability_um * of_tails.standard_t(TAILS, m) * np.sqrt(1 - 2 / TAILS)
     setup = _setup(rng, observations, conditions)
     is_blunder = rng.uniform(size=m) < conditions.outliers

@@ -81,6 +81,8 @@ class ThermalNetwork:
     def modes(self) -> tuple[FloatArray, FloatArray]:
         """Return the rates [1/s] of decay and the bodies' shares in each mode, symmetrised."""
         root = np.sqrt(self.capacities)
+        # With y = √C T the balance is y' = −C^(−½) K C^(−½) y + …: a symmetric matrix, whose rates
+        # are real and whose modes orthogonal.
         rates, shapes = np.linalg.eigh(self.conductances / np.outer(root, root))
         return rates, shapes
 
@@ -108,6 +110,8 @@ class ThermalNetwork:
             heat[:, BODIES.index(body)] += watts
         drive = heat / root @ shapes
         decay = np.exp(-rates * MINUTE_S)
+        # Each mode is y' = −λ y + q with q constant through a minute: y(t + 1) = d y(t) + q(t) (1 −
+        # d)/λ with d = e^(−λ · 60 s), which a filter that looks back by one does.
         modal = np.stack(
             [
                 lfilter([0.0, (1 - d) / rate], [1.0, -d], column)
