@@ -41,7 +41,7 @@ def accuracy(
     missing_as_zero: MissingOption = False,
     json: Annotated[
         bool,
-        typer.Option("--json", envvar="THERMAP_JSON", help="The service's JSON, both answers."),
+        typer.Option("--json", help="The service's JSON, both answers."),
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:

@@ -83,7 +83,6 @@ def analyse(
     effects: Annotated[
         list[str] | None,
         typer.Option(
-            envvar="THERMAP_EFFECTS",
             metavar="KIND",
             help=(
                 "A kind of effect to look for, such as thermal-lag; repeat for more. Without it, "
@@ -94,25 +93,19 @@ def analyse(
     holdout: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_HOLDOUT",
-            min=0.05,
-            max=0.85,
-            help="Share of the visits that take no part in the search.",
+            min=0.05, max=0.85, help="Share of the visits that take no part in the search."
         ),
     ] = 0.3,
     adopt: Annotated[
         bool,
         typer.Option(
-            "--adopt",
-            envvar="THERMAP_ADOPT",
-            help="Make a model version with the effects that help on held-out visits.",
+            "--adopt", help="Make a model version with the effects that help on held-out visits."
         ),
     ] = False,
     plan: Annotated[
         bool,
         typer.Option(
             "--plan",
-            envvar="THERMAP_PLAN",
             help=(
                 "Show what these observations could reveal before they are measured: the files "
                 "need no values, and nothing is stored."
@@ -123,7 +116,6 @@ def analyse(
         bool,
         typer.Option(
             "--fleet",
-            envvar="THERMAP_FLEET",
             help=(
                 "Analyse every machine from its stored verifications, and try what was found on "
                 "its sister machines. After an interruption, the same command continues."
@@ -134,15 +126,12 @@ def analyse(
         bool,
         typer.Option(
             "--cancel",
-            envvar="THERMAP_CANCEL",
             help="With --fleet: cancel its waiting and running analyses; finished ones stay.",
         ),
     ] = False,
     output: ReportOption = None,
     visits: VisitsOption = None,
-    json: Annotated[
-        bool, typer.Option("--json", envvar="THERMAP_JSON", help="Write the service's JSON.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Write the service's JSON.")] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Find what the model lacks: compare it with measured data, and write a report.

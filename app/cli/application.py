@@ -166,13 +166,24 @@ def load(name: str) -> Any:
     """Load a command, or a group of commands."""
     home = COMMANDS[name]
     command = getattr(import_module(f"app.cli.{home.module}"), home.name)
-    if isinstance(command, typer.Typer):
-        return typer.main.get_command(command)
-    alone = typer.Typer(
-        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"
-    )
-    alone.command(name)(command)
-    return typer.main.get_command(alone)
+    if not isinstance(command, typer.Typer):
+        alone = typer.Typer(
+            add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"
+        )
+        alone.command(name)(command)
+        command = alone
+    loaded = typer.main.get_command(command)
+    _set_in_environment(loaded)
+    return loaded
+
+
+def _set_in_environment(command: Any) -> None:
+    """Let each option be set in the environment: by its name, or by another that it states."""
+    for option in command.params:
+        if option.param_type_name == "option" and option.envvar is None and not option.is_eager:
+            option.envvar = "THERMAP_" + option.opts[0].strip("-").replace("-", "_").upper()
+    for below in getattr(command, "commands", {}).values():
+        _set_in_environment(below)
 
 
 application = typer.Typer(

@@ -41,7 +41,6 @@ def restore(
         bool,
         typer.Option(
             "--replace",
-            envvar="THERMAP_REPLACE",
             help="Delete what the database has, with all machines, and restore in its place.",
         ),
     ] = False,
@@ -49,14 +48,11 @@ def restore(
         bool,
         typer.Option(
             "--with-keys",
-            envvar="THERMAP_WITH_KEYS",
             help="Bring back keys of the backup, too, that a database with keys of its own does "
             "not have: those that were revoked since.",
         ),
     ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", envvar="THERMAP_YES", help="Do not ask before that.")
-    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before that.")] = False,
 ) -> None:
     """Bring a backup into a database: whole, or not at all.
 

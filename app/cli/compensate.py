@@ -63,14 +63,10 @@ def compensate(
     state: Annotated[
         list[str] | None,
         typer.Option(
-            envvar="THERMAP_STATE",
-            metavar="NAME=NUMBER",
-            help="A number of the machine's state, such as spindle_rpm=8000.",
+            metavar="NAME=NUMBER", help="A number of the machine's state, such as spindle_rpm=8000."
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", envvar="THERMAP_JSON", help="The service's JSON, unchanged.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="The service's JSON, unchanged.")] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Show the compensation table: for these temperatures, or at the latest reading.

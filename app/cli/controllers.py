@@ -41,7 +41,6 @@ ControllerOption = Annotated[
     typer.Option(
         "--controller",
         "-c",
-        envvar="THERMAP_CONTROLLER",
         metavar="NAME",
         help="Format, such as linuxcnc; `thermap controllers` lists them.",
     ),

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from datetime import UTC, datetime
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
@@ -17,13 +17,6 @@ from app.cli.demo_machine import reading_at, set_up
 from app.cli.demo_view import argument_view, live_view, short_line
 from app.cli.demo_week import loading_week, show_later, week_hint
 from app.cli.listening import (
-    DEFAULT_HOST,
-    DEFAULT_PORT,
-    AllowedHostOption,
-    HostOption,
-    InsecureOption,
-    PortOption,
-    checked_settings,
     database_of,
     exiting_on_signals,
     listening,
@@ -33,6 +26,7 @@ from app.cli.listening import (
     url_of,
 )
 from app.cli.options import UrlOption, connect
+from app.cli.settings_options import checked_settings, with_settings
 from app.cli.terminal import echo
 from app.settings import sqlite_url
 from app.simulation.example.remaining_error import remaining_errors
@@ -43,13 +37,11 @@ READING_EVERY_S: Final = 1.0
 LINE_EVERY_S: Final = 10.0
 
 
+@with_settings("host", "port", "allowed_hosts", "insecure")
 def demo(
     ctx: typer.Context,
     *,
-    host: HostOption = DEFAULT_HOST,
-    port: PortOption = DEFAULT_PORT,
-    allowed_hosts: AllowedHostOption = None,
-    insecure: InsecureOption = False,
+    settings: dict[str, Any],
     database_url: Annotated[
         str,
         typer.Option(
@@ -96,7 +88,7 @@ def demo(
             "--later and --no-serve",
             param_hint="--url",
         )
-    there = _where(ctx, service_url, host, port)
+    there = _where(ctx, service_url, settings["host"], settings["port"])
     if later:
         show_later(there)
         return
@@ -104,24 +96,19 @@ def demo(
         if no_serve:
             url = there
         else:
-            settings = checked_settings(
-                host=host,
-                port=port,
-                allowed_hosts=allowed_hosts or (),
-                insecure=insecure,
-                database_url=database_url,
-                log_level="warning",
+            chosen = checked_settings(
+                {**settings, "database_url": database_url, "log_level": "warning"}
             )
-            if settings.asks_for_keys:
+            if chosen.asks_for_keys:
                 raise typer.BadParameter(
-                    f"other computers reach {host}, and the demo knows no keys: everybody may "
-                    "change it. Where that is meant, add --insecure",
+                    f"other computers reach {chosen.host}, and the demo knows no keys: everybody "
+                    "may change it. Where that is meant, add --insecure",
                     param_hint="--host",
                 )
-            opened = running.enter_context(listening(settings.host, settings.port, "demo"))
+            opened = running.enter_context(listening(chosen.host, chosen.port, "demo"))
             url = url_of(opened)
-            service = make_service(settings)
-            running.enter_context(serving(service, opened, settings.log_level))
+            service = make_service(chosen)
+            running.enter_context(serving(service, opened, chosen.log_level))
             echo(f"thermap demo: dashboard {url}, to read and try: {url}/docs")
             echo(f"database {database_of(service)}{new_database_note(service)}\n")
         thermap = running.enter_context(connect(url))

@@ -39,7 +39,6 @@ def doctor(
     config: Annotated[
         Path | None,
         typer.Option(
-            envvar="THERMAP_CONFIG",
             metavar="FILE.toml",
             help="What `thermap serve --config` is given: whether it could start with it.",
         ),
@@ -47,14 +46,11 @@ def doctor(
     backups: Annotated[
         Path | None,
         typer.Option(
-            envvar="THERMAP_BACKUPS",
             metavar="FOLDER",
             help="Where backups are kept: how old the newest is, and whether it is whole.",
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", envvar="THERMAP_JSON", help="For programs.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
     """Say whether all is well with a database and the service on it; exit code 1 where not.
 

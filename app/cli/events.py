@@ -37,14 +37,11 @@ def events(
         list[str] | None,
         typer.Option(
             "--kind",
-            envvar="THERMAP_KIND",
             help="model, alarm, sensor, machine, readings, verification, analysis or key; once for "
             "each.",
         ),
     ] = None,
-    limit: Annotated[
-        int, typer.Option(envvar="THERMAP_LIMIT", min=1, max=10_000, help="At most so many.")
-    ] = 20,
+    limit: Annotated[int, typer.Option(min=1, max=10_000, help="At most so many.")] = 20,
     *,
     json: JsonOption = False,
     url: UrlOption = DEFAULT_URL,

@@ -64,24 +64,19 @@ def import_files(
     ],
     machine: Annotated[
         str | None,
-        typer.Option(
-            "--machine", "-m", envvar="THERMAP_MACHINE", help="The machine that they belong to."
-        ),
+        typer.Option("--machine", "-m", help="The machine that they belong to."),
     ] = None,
-    label: Annotated[
-        str | None, typer.Option(envvar="THERMAP_LABEL", help="A CSV map's name.")
-    ] = None,
+    label: Annotated[str | None, typer.Option(help="A CSV map's name.")] = None,
     measured_at: Annotated[
         str | None,
-        typer.Option(envvar="THERMAP_MEASURED_AT", help="When a CSV map was measured, ISO 8601."),
+        typer.Option(help="When a CSV map was measured, ISO 8601."),
     ] = None,
     temperature: TemperatureOption = None,
     method: Annotated[
         str | None,
         typer.Option(
-            envvar="THERMAP_METHOD",
             help="The files are an instrument's readings by this method, such as step-diagonal; "
-            "the map that they make is stored and shown.",
+            "the map that they make is stored and shown."
         ),
     ] = None,
     axis: Annotated[
@@ -93,16 +88,13 @@ def import_files(
     evaluate_only: Annotated[
         bool,
         typer.Option(
-            "--evaluate-only",
-            envvar="THERMAP_EVALUATE_ONLY",
-            help="With --method: show what comes out and store nothing.",
+            "--evaluate-only", help="With --method: show what comes out and store nothing."
         ),
     ] = False,
     preview: Annotated[
         bool,
         typer.Option(
             "--preview",
-            envvar="THERMAP_PREVIEW",
             help="Show what was read, and what tables would lose, gain and change; store nothing.",
         ),
     ] = False,
@@ -110,7 +102,6 @@ def import_files(
         bool,
         typer.Option(
             "--accept-losses",
-            envvar="THERMAP_ACCEPT_LOSSES",
             help="Let tables follow a map although they lose positions, components or else by it; "
             "without it such a map is stored, and its model version waits.",
         ),
@@ -127,11 +118,7 @@ def import_files(
     ] = "maps",
     json: Annotated[
         bool,
-        typer.Option(
-            "--json",
-            envvar="THERMAP_JSON",
-            help="With --method: the service's JSON, a line for each file.",
-        ),
+        typer.Option("--json", help="With --method: the service's JSON, a line for each file."),
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:

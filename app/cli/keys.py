@@ -48,9 +48,8 @@ def create(
     role: Annotated[
         Role,
         typer.Option(
-            envvar="THERMAP_ROLE",
             help="sensor: sends readings. viewer: reads and computes. metrologist: both, and maps, "
-            "verifications, adoption. admin: machines and keys too.",
+            "verifications, adoption. admin: machines and keys too."
         ),
     ],
     machine: Annotated[

@@ -14,12 +14,10 @@ from contextlib import contextmanager
 from functools import partial
 from threading import Thread
 from types import FrameType
-from typing import Annotated, Any, Final, cast
+from typing import Final, cast
 
-import typer
 import uvicorn
 from fastapi import FastAPI
-from pydantic import ValidationError
 
 from app.api.metrics import UNKNOWN, Metrics
 from app.api.streams import TableStreams
@@ -27,6 +25,7 @@ from app.api.turns import Turns
 from app.arrays import one_blas_thread
 from app.cli.http_protocol import PatientProtocol, PatientServer, SharedLimits
 from app.cli.http_refusals import MOST_BODY_BYTES, MOST_CONNECTIONS
+from app.cli.settings_options import blamed_option
 from app.errors import InvalidContent, ThermapError
 from app.main import create_app
 from app.settings import Settings
@@ -48,77 +47,6 @@ NOTICED_S: Final = 0.5
 
 _NEEDED_FILES: Final = 2 * MOST_CONNECTIONS
 """Connections of HTTP have half of them at most: databases, files and others have the rest."""
-
-_BLAMED: Final = {
-    "database_url": "--database-url",
-    "opcua_endpoint": "--opcua-endpoint",
-    "config": "--config",
-}
-"""A setting that is found wrong when the service is made, to its option."""
-
-DEFAULT_HOST: Final[str] = Settings.model_fields["host"].default
-DEFAULT_PORT: Final[int] = Settings.model_fields["port"].default
-
-AllowedHostOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--allowed-host",
-        envvar="THERMAP_ALLOWED_HOSTS",
-        metavar="NAME",
-        help="Name under which the service is reached beside this computer's own, such as that of "
-        "a proxy; once for each. *.example.org: all below it; *: every name.",
-    ),
-]
-HostOption = Annotated[
-    str, typer.Option("--host", envvar="THERMAP_HOST", metavar="HOST", help="Address to listen on.")
-]
-CorsOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--cors-origin",
-        envvar="THERMAP_CORS_ORIGINS",
-        metavar="ORIGIN",
-        help="Another site whose pages may read and write, such as https://mes.example.org; once "
-        "for each.",
-    ),
-]
-ForwardedOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--forwarded-allow-ips",
-        envvar="THERMAP_FORWARDED_ALLOW_IPS",
-        metavar="ADDRESS",
-        help="Address or network of a proxy whose X-Forwarded-For and X-Forwarded-Proto are "
-        "believed, such as 127.0.0.1 or 10.0.0.0/8; once for each. Without it nobody's are.",
-    ),
-]
-RequireKeysOption = Annotated[
-    bool,
-    typer.Option(
-        "--require-keys",
-        envvar="THERMAP_REQUIRE_KEYS",
-        help="Ask for a key on this computer's own address too.",
-    ),
-]
-InsecureOption = Annotated[
-    bool,
-    typer.Option(
-        "--insecure",
-        envvar="THERMAP_INSECURE",
-        help="Ask for no key although other computers reach the service.",
-    ),
-]
-PortOption = Annotated[
-    int,
-    typer.Option(
-        "--port",
-        envvar="THERMAP_PORT",
-        metavar="PORT",
-        min=0,
-        max=65535,
-        help="Port; 0 takes any free one.",
-    ),
-]
 
 
 class CannotListen(ThermapError):
@@ -154,18 +82,6 @@ class EndingServer(PatientServer):
         super().handle_exit(sig, frame)
 
 
-def checked_settings(**options: Any) -> Settings:
-    """Make the settings; a value out of range is wrong usage."""
-    try:
-        return Settings(**options)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        option = "--" + str(first["loc"][0]).replace("_", "-")
-        raise typer.BadParameter(
-            f"{first['msg']}, got {first['input']!r}", param_hint=option
-        ) from None
-
-
 def make_service(settings: Settings) -> FastAPI:
     """Make the service; a URL that is none, or that nothing installed serves, is wrong usage."""
     # For good: what watches learn and adoptions refit are small matrices, and their threads would
@@ -174,11 +90,7 @@ def make_service(settings: Settings) -> FastAPI:
     try:
         return create_app(settings)
     except InvalidContent as error:
-        for field, option in _BLAMED.items():
-            if error.detail.startswith(f"{field}: "):
-                words = error.detail.removeprefix(f"{field}: ")
-                raise typer.BadParameter(words, param_hint=option) from None
-        raise
+        raise blamed_option(error) or error from None
 
 
 @contextmanager

@@ -31,7 +31,6 @@ def _own_database() -> str:
 DatabaseOption = Annotated[
     str,
     typer.Option(
-        envvar="THERMAP_DATABASE_URL",
         metavar="URL",
         default_factory=_own_database,
         show_default="thermap.db in your folder for data",
@@ -57,17 +56,12 @@ MachineOption = Annotated[
     typer.Option(
         "--machine",
         "-m",
-        envvar="THERMAP_MACHINE",
         metavar="MACHINE",
         help="The machine's id; not needed where one machine is stored.",
     ),
 ]
-JsonOption = Annotated[
-    bool, typer.Option("--json", envvar="THERMAP_JSON", help="The service's JSON, unchanged.")
-]
-YesOption = Annotated[
-    bool, typer.Option("--yes", "-y", envvar="THERMAP_YES", help="Do it without asking.")
-]
+JsonOption = Annotated[bool, typer.Option("--json", help="The service's JSON, unchanged.")]
+YesOption = Annotated[bool, typer.Option("--yes", "-y", help="Do it without asking.")]
 UrlOption = Annotated[
     str, typer.Option("--url", envvar=URL_VARIABLE, metavar="URL", help="Where the service is.")
 ]
@@ -86,7 +80,6 @@ ReportOption = Annotated[
     typer.Option(
         "--output",
         "-o",
-        envvar="THERMAP_OUTPUT",
         metavar="FILE.html",
         help="Write the report, a page that needs no internet.",
     ),
@@ -95,24 +88,17 @@ VisitsOption = Annotated[
     Path | None,
     typer.Option(
         "--visits",
-        envvar="THERMAP_VISITS",
         metavar="FOLDER",
         help="Write the visits to make next, a file each, for measuring and for --plan.",
     ),
 ]
 SeedOption = Annotated[
     int,
-    typer.Option(
-        envvar="THERMAP_SEED",
-        min=0,
-        help=("Seed of the noise: the same seed gives the same noise."),
-    ),
+    typer.Option(min=0, help=("Seed of the noise: the same seed gives the same noise.")),
 ]
 LabelOption = Annotated[
     str | None,
-    typer.Option(
-        envvar="THERMAP_LABEL", help="The label in the file; without it, what the file is called."
-    ),
+    typer.Option(help="The label in the file; without it, what the file is called."),
 ]
 
 
@@ -363,19 +349,12 @@ def in_options() -> Iterator[None]:
 
 ToolOption = Annotated[
     str,
-    typer.Option(
-        "--tool",
-        envvar="THERMAP_TOOL",
-        metavar="X,Y,Z",
-        help="Tool offset in mm, such as 0,0,160.",
-    ),
+    typer.Option("--tool", metavar="X,Y,Z", help="Tool offset in mm, such as 0,0,160."),
 ]
 MissingOption = Annotated[
     bool,
     typer.Option(
-        "--missing-as-zero",
-        envvar="THERMAP_MISSING_AS_ZERO",
-        help="Let error components that no two maps have count as zero.",
+        "--missing-as-zero", help="Let error components that no two maps have count as zero."
     ),
 ]
 

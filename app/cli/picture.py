@@ -35,7 +35,6 @@ def picture(
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FILE",
             help="A page (.html), which needs no internet, or a plotly figure (.json).",
         ),
@@ -45,8 +44,7 @@ def picture(
     exaggeration: Annotated[
         float | None,
         typer.Option(
-            envvar="THERMAP_EXAGGERATION",
-            help="How many times larger than they are errors are drawn; chosen if not stated.",
+            help="How many times larger than they are errors are drawn; chosen if not stated."
         ),
     ] = None,
     missing_as_zero: MissingOption = False,

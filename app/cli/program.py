@@ -42,11 +42,7 @@ from thermap import DEFAULT_URL
 ControllerOption = Annotated[
     str,
     typer.Option(
-        "--controller",
-        "-c",
-        envvar="THERMAP_CONTROLLER",
-        metavar="NAME",
-        help=f"Whose words: {list_names(DIALECTS)}.",
+        "--controller", "-c", metavar="NAME", help=f"Whose words: {list_names(DIALECTS)}."
     ),
 ]
 OutputOption = Annotated[
@@ -238,9 +234,7 @@ def write_positioning(
     line: LineOption = None,
     seed: Annotated[
         int,
-        typer.Option(
-            "--seed", envvar="THERMAP_SEED", min=0, help="Of the targets' random offsets."
-        ),
+        typer.Option("--seed", min=0, help="Of the targets' random offsets."),
     ] = 0,
 ) -> MeasuringProgram:
     """Positioning of an axis by ISO 230-2: targets with a random offset, runs both ways.

@@ -63,19 +63,16 @@ def list_readings(
     ] = None,
     every_s: Annotated[
         float,
-        typer.Option(
-            "--every-s", envvar="THERMAP_EVERY_S", min=0.0, help="At most one in so many seconds."
-        ),
+        typer.Option("--every-s", min=0.0, help="At most one in so many seconds."),
     ] = 60.0,
     limit: Annotated[
         int,
-        typer.Option(envvar="THERMAP_LIMIT", min=1, max=100_000, help="At most so many readings."),
+        typer.Option(min=1, max=100_000, help="At most so many readings."),
     ] = 1000,
     withdrawn: Annotated[
         bool,
         typer.Option(
             "--withdrawn",
-            envvar="THERMAP_WITHDRAWN",
             help="Those that were withdrawn, all of them, and when; --every-s does not apply.",
         ),
     ] = False,
@@ -109,9 +106,7 @@ def withdraw(
     time: Annotated[
         str | None,
         typer.Option(
-            envvar="THERMAP_TIME",
-            metavar="TIME",
-            help="The one reading of exactly this time, ISO 8601 with its zone.",
+            metavar="TIME", help="The one reading of exactly this time, ISO 8601 with its zone."
         ),
     ] = None,
     since: Annotated[

@@ -61,25 +61,16 @@ def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Recorded temperatures in °C.")],
     speed: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_SPEED", min=0.0, help="Times faster than recorded; 0: all at once."
-        ),
+        typer.Option(min=0.0, help="Times faster than recorded; 0: all at once."),
     ] = 60.0,
-    fast: Annotated[
-        bool, typer.Option("--fast", envvar="THERMAP_FAST", help="The same as --speed 0.")
-    ] = False,
+    fast: Annotated[bool, typer.Option("--fast", help="The same as --speed 0.")] = False,
     recorded_times: Annotated[
         bool,
-        typer.Option(
-            "--recorded-times",
-            envvar="THERMAP_RECORDED_TIMES",
-            help="Keep the recorded times at any speed.",
-        ),
+        typer.Option("--recorded-times", help="Keep the recorded times at any speed."),
     ] = False,
     start: Annotated[
         str | None,
         typer.Option(
-            envvar="THERMAP_START",
             metavar="TIME",
             help="When a recording without dates began, ISO 8601 with its zone.",
             show_default="so that it ends now",
@@ -95,9 +86,7 @@ def replay(
     ] = None,
     utc_offset: Annotated[
         str | None,
-        typer.Option(
-            envvar="THERMAP_UTC_OFFSET", metavar="±HH:MM", help="Zone of times that state none."
-        ),
+        typer.Option(metavar="±HH:MM", help="Zone of times that state none."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
 ) -> None:

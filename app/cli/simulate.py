@@ -59,20 +59,16 @@ def simulate_step_diagonal(
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FILE",
             help="CSV, as `thermap import --method step-diagonal` reads it.",
         ),
     ],
     temperature: TemperatureOption = None,
     tool: ToolOption = "0,0,0",
-    steps: Annotated[
-        int, typer.Option(envvar="THERMAP_STEPS", min=1, help="Steps of each axis.")
-    ] = 10,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of each axis.")] = 10,
     origin: Annotated[
         str | None,
         typer.Option(
-            envvar="THERMAP_ORIGIN",
             metavar="X,Y,Z",
             help="Lowest corner of the volume in mm; that of the axes' travel if not stated.",
         ),
@@ -80,33 +76,22 @@ def simulate_step_diagonal(
     step: Annotated[
         str | None,
         typer.Option(
-            envvar="THERMAP_STEP",
             metavar="X,Y,Z",
             help="Length of each axis' step in mm; over the whole travel if not stated.",
         ),
     ] = None,
     noise: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_NOISE",
-            metavar="UM",
-            min=0.0,
-            help="Standard deviation of one reading in µm.",
-        ),
+        typer.Option(metavar="UM", min=0.0, help="Standard deviation of one reading in µm."),
     ] = 0.0,
     resolution: Annotated[
         float | None,
         typer.Option(
-            envvar="THERMAP_RESOLUTION",
-            metavar="UM",
-            min=0.0,
-            help="Readings are rounded to multiples of this, in µm.",
+            metavar="UM", min=0.0, help="Readings are rounded to multiples of this, in µm."
         ),
     ] = None,
     seed: SeedOption = 0,
-    target: Annotated[
-        str, typer.Option(envvar="THERMAP_TARGET", help="What reflects: point or flat-mirror.")
-    ] = "point",
+    target: Annotated[str, typer.Option(help="What reflects: point or flat-mirror.")] = "point",
     mirror_tilt: Annotated[
         list[str] | None,
         typer.Option(

@@ -56,7 +56,6 @@ def simulate_campaign(
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FOLDER",
             help=(
                 "Folder for the files that `thermap import` and `thermap analyse` read, and for "
@@ -67,9 +66,7 @@ def simulate_campaign(
     store: Annotated[
         bool,
         typer.Option(
-            "--store",
-            envvar="THERMAP_STORE",
-            help="Store machine, maps, readings and verifications in the service.",
+            "--store", help="Store machine, maps, readings and verifications in the service."
         ),
     ] = False,
     effect: Annotated[
@@ -88,37 +85,24 @@ def simulate_campaign(
     size: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_SIZE",
-            min=0.0,
-            help="Standard deviation of the effect, in multiples of the repeatability.",
+            min=0.0, help="Standard deviation of the effect, in multiples of the repeatability."
         ),
     ] = 3.0,
     seed: Annotated[
         int,
-        typer.Option(envvar="THERMAP_SEED", min=0, help=("The same seed gives the same campaign.")),
+        typer.Option(min=0, help=("The same seed gives the same campaign.")),
     ] = 1,
     machine: Annotated[
         str | None,
-        typer.Option(
-            "--machine",
-            "-m",
-            envvar="THERMAP_MACHINE",
-            help=("The machine's id; made from the seed if left out."),
-        ),
+        typer.Option("--machine", "-m", help=("The machine's id; made from the seed if left out.")),
     ] = None,
     visits: Annotated[
         int,
-        typer.Option(
-            envvar="THERMAP_VISITS",
-            min=4,
-            max=1000,
-            help=("Number of visits, each a verification."),
-        ),
+        typer.Option(min=4, max=1000, help=("Number of visits, each a verification.")),
     ] = 30,
     record: Annotated[
         float | None,
         typer.Option(
-            envvar="THERMAP_RECORD",
             metavar="HOURS",
             min=0.1,
             max=1000.0,
@@ -127,25 +111,15 @@ def simulate_campaign(
     ] = None,
     every: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_EVERY",
-            metavar="MIN",
-            help=("Time from one block of a record to the next."),
-        ),
+        typer.Option(metavar="MIN", help=("Time from one block of a record to the next.")),
     ] = 20.0,
     observations: Annotated[
         int,
-        typer.Option(
-            envvar="THERMAP_OBSERVATIONS",
-            min=1,
-            max=1000,
-            help="Observations in a visit or a block, 20 s apart.",
-        ),
+        typer.Option(min=1, max=1000, help="Observations in a visit or a block, 20 s apart."),
     ] = 24,
     split: Annotated[
         float | None,
         typer.Option(
-            envvar="THERMAP_SPLIT",
             metavar="MIN",
             min=1.0,
             help="Split the same values into one verification for every so many minutes.",
@@ -153,64 +127,37 @@ def simulate_campaign(
     ] = None,
     later: Annotated[
         int,
-        typer.Option(
-            envvar="THERMAP_LATER",
-            min=0,
-            max=200,
-            help="Later visits, which appear in truth.json only.",
-        ),
+        typer.Option(min=0, max=200, help="Later visits, which appear in truth.json only."),
     ] = 10,
-    repeatability: Annotated[
-        float, typer.Option(envvar="THERMAP_REPEATABILITY", metavar="UM", min=0.0)
-    ] = 1.0,
+    repeatability: Annotated[float, typer.Option(metavar="UM", min=0.0)] = 1.0,
     heavy_tails: Annotated[
         bool,
         typer.Option(
             "--heavy-tails",
-            envvar="THERMAP_HEAVY_TAILS",
             help="Student's t with three degrees of freedom instead of normal scatter.",
         ),
     ] = False,
     resolution: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_RESOLUTION",
-            metavar="UM",
-            min=0.0,
-            help=("Values are rounded to multiples of it."),
-        ),
+        typer.Option(metavar="UM", min=0.0, help=("Values are rounded to multiples of it.")),
     ] = 0.0,
     wander: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_WANDER",
-            metavar="UM",
-            min=0.0,
-            help="Standard deviation of a shift that wanders in time.",
+            metavar="UM", min=0.0, help="Standard deviation of a shift that wanders in time."
         ),
     ] = 0.0,
     wander_tilt: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_WANDER_TILT",
-            metavar="UM",
-            min=0.0,
-            help=("The same of a tilt, at the ends of travel."),
-        ),
+        typer.Option(metavar="UM", min=0.0, help=("The same of a tilt, at the ends of travel.")),
     ] = 0.0,
     wander_time: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_WANDER_TIME",
-            metavar="MIN",
-            min=0.1,
-            help=("Correlation time of shift and tilt."),
-        ),
+        typer.Option(metavar="MIN", min=0.1, help=("Correlation time of shift and tilt.")),
     ] = 60.0,
     instrument_drift: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_INSTRUMENT_DRIFT",
             metavar="UM",
             min=0.0,
             help="Drift of the instrument per hour, from the start of each set-up.",
@@ -219,20 +166,12 @@ def simulate_campaign(
     warm_up: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_WARM_UP",
-            metavar="UM",
-            min=0.0,
-            help="Warm-up of the instrument, alike in every set-up.",
+            metavar="UM", min=0.0, help="Warm-up of the instrument, alike in every set-up."
         ),
     ] = 0.0,
     setup_correlation: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_SETUP_CORRELATION",
-            min=0.0,
-            max=0.99,
-            help="Correlation of each set-up with the one before.",
-        ),
+        typer.Option(min=0.0, max=0.99, help="Correlation of each set-up with the one before."),
     ] = 0.0,
     url: UrlOption = DEFAULT_URL,
 ) -> None:

@@ -67,7 +67,6 @@ def simulate_thermal_drift(
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FILE",
             help="CSV, as `thermap import --method thermal-drift` reads it.",
         ),
@@ -75,9 +74,7 @@ def simulate_thermal_drift(
     point: Annotated[
         str,
         typer.Option(
-            envvar="THERMAP_POINT",
-            metavar="X,Y,Z",
-            help="Where the machine stands while the nest is read, in mm.",
+            metavar="X,Y,Z", help="Where the machine stands while the nest is read, in mm."
         ),
     ],
     tool: ToolOption = "0,0,0",
@@ -86,7 +83,7 @@ def simulate_thermal_drift(
     ] = "spindle",
     axis: Annotated[
         str | None,
-        typer.Option(envvar="THERMAP_AXIS", help="The moving axis of the test linear-axis."),
+        typer.Option(help="The moving axis of the test linear-axis."),
     ] = None,
     target: Annotated[
         list[float] | None,
@@ -99,21 +96,15 @@ def simulate_thermal_drift(
     sensor_distance: Annotated[
         float | None,
         typer.Option(
-            envvar="THERMAP_SENSOR_DISTANCE",
-            metavar="MM",
-            help="Five sensors: so far along Z the second ones of X and Y read.",
+            metavar="MM", help="Five sensors: so far along Z the second ones of X and Y read."
         ),
     ] = None,
     since: Annotated[
         str | None,
         typer.Option("--from", envvar="THERMAP_FROM", metavar="TIME", help="When the test begins."),
     ] = None,
-    hours: Annotated[
-        float, typer.Option(envvar="THERMAP_HOURS", min=0.1, help="How long it lasts, at most.")
-    ] = 8.0,
-    every: Annotated[
-        float, typer.Option(envvar="THERMAP_EVERY", min=0.0, help="Minutes between two readings.")
-    ] = 2.0,
+    hours: Annotated[float, typer.Option(min=0.1, help="How long it lasts, at most.")] = 8.0,
+    every: Annotated[float, typer.Option(min=0.0, help="Minutes between two readings.")] = 2.0,
     growth: Annotated[
         list[str] | None,
         typer.Option(
@@ -124,18 +115,11 @@ def simulate_thermal_drift(
     ] = None,
     growth_min: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_GROWTH_MIN", min=0.1, help="Time constant of that drift in minutes."
-        ),
+        typer.Option(min=0.1, help="Time constant of that drift in minutes."),
     ] = 40.0,
     noise: Annotated[
         float,
-        typer.Option(
-            envvar="THERMAP_NOISE",
-            metavar="UM",
-            min=0.0,
-            help="Standard deviation of one reading in µm.",
-        ),
+        typer.Option(metavar="UM", min=0.0, help="Standard deviation of one reading in µm."),
     ] = 0.2,
     seed: SeedOption = 0,
     label: LabelOption = None,

@@ -82,7 +82,6 @@ def simulate_verification(
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FILE",
             help="CSV, as `thermap analyse --verification` reads it.",
         ),
@@ -96,14 +95,10 @@ def simulate_verification(
             "component is visited several times.",
         ),
     ] = None,
-    visits: Annotated[
-        int, typer.Option(envvar="THERMAP_VISITS", min=1, max=1000, help="Visits of the machine.")
-    ] = 10,
+    visits: Annotated[int, typer.Option(min=1, max=1000, help="Visits of the machine.")] = 10,
     positions: Annotated[
         int,
-        typer.Option(
-            envvar="THERMAP_POSITIONS", min=1, max=100, help="Positions of a component in a visit."
-        ),
+        typer.Option(min=1, max=100, help="Positions of a component in a visit."),
     ] = 5,
     component: Annotated[
         list[str] | None,
@@ -124,10 +119,7 @@ def simulate_verification(
     noise: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_NOISE",
-            metavar="UM",
-            min=0.0,
-            help="Standard deviation of one value in µm (µrad, µm/m).",
+            metavar="UM", min=0.0, help="Standard deviation of one value in µm (µrad, µm/m)."
         ),
     ] = 0.5,
     reversal: Annotated[

@@ -54,11 +54,7 @@ def store_verification_files(
     machine: MachineOption = None,
     preview: Annotated[
         bool,
-        typer.Option(
-            "--preview",
-            envvar="THERMAP_PREVIEW",
-            help="Show what was read of the files, and store nothing.",
-        ),
+        typer.Option("--preview", help="Show what was read of the files, and store nothing."),
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -99,16 +95,13 @@ def show_residuals(
     machine: MachineOption = None,
     model_version: Annotated[
         int | None,
-        typer.Option(
-            envvar="THERMAP_MODEL_VERSION", metavar="VERSION", help="The active one without it."
-        ),
+        typer.Option(metavar="VERSION", help="The active one without it."),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            envvar="THERMAP_OUTPUT",
             metavar="FILE.html",
             help="Write a page with plots, which needs no internet.",
         ),

@@ -28,7 +28,6 @@ def worker(
     concurrency: Annotated[
         int,
         typer.Option(
-            envvar="THERMAP_CONCURRENCY",
             metavar="N",
             min=1,
             max=64,
@@ -38,7 +37,6 @@ def worker(
     finish_s: Annotated[
         float,
         typer.Option(
-            envvar="THERMAP_FINISH_S",
             metavar="SECONDS",
             min=0.0,
             max=86_400.0,
@@ -48,24 +46,15 @@ def worker(
     ] = FINISH_S,
     log_level: Annotated[
         Literal["debug", "info", "warning", "error", "critical"],
-        typer.Option(
-            envvar="THERMAP_LOG_LEVEL",
-            metavar="LEVEL",
-            help="debug, info, warning, error or critical.",
-        ),
+        typer.Option(metavar="LEVEL", help="debug, info, warning, error or critical."),
     ] = "info",
     log_format: Annotated[
         LogFormat,
-        typer.Option(
-            envvar="THERMAP_LOG_FORMAT",
-            metavar="FORM",
-            help="text for people, json for programs that gather logs.",
-        ),
+        typer.Option(metavar="FORM", help="text for people, json for programs that gather logs."),
     ] = "text",
     beat_file: Annotated[
         Path | None,
         typer.Option(
-            envvar="THERMAP_BEAT_FILE",
             metavar="FILE",
             help="Where the worker writes every few seconds that it lives, for --check.",
         ),

@@ -17,6 +17,7 @@ from sqlalchemy import make_url
 
 from app import __version__
 from app.api.turns import AT_WORK
+from app.cli import application
 from app.cli.listening import CannotListen, listening, url_of
 from app.cli.options import read_named_numbers
 from app.storage.database import Database
@@ -245,6 +246,16 @@ def test_options_come_from_the_environment(run):
     found = run("compensate", "m", "-t", "a=1", THERMAP_URL="nowhere")
     assert found.exit_code == 2
     assert "nowhere" in found.stderr
+
+
+@pytest.mark.parametrize("command", application.COMMANDS)
+def test_every_option_can_be_set_in_the_environment(command):
+    todo = [application.load(command)]
+    while todo:
+        some = todo.pop()
+        todo += getattr(some, "commands", {}).values()
+        unset = [o.opts for o in some.params if o.param_type_name == "option" and not o.envvar]
+        assert [opts for opts in unset if "--help" not in opts] == []
 
 
 @pytest.mark.parametrize("host", ["no-such-host.invalid", "203.0.113.7"])
