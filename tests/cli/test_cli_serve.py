@@ -17,7 +17,8 @@ from sqlalchemy import make_url
 
 from app import __version__
 from app.api.turns import AT_WORK
-from app.cli import application
+from app.cli.application import COMMANDS as ALL_COMMANDS
+from app.cli.application import load
 from app.cli.listening import CannotListen, listening, url_of
 from app.cli.options import read_named_numbers
 from app.storage.database import Database
@@ -248,9 +249,9 @@ def test_options_come_from_the_environment(run):
     assert "nowhere" in found.stderr
 
 
-@pytest.mark.parametrize("command", application.COMMANDS)
+@pytest.mark.parametrize("command", ALL_COMMANDS)
 def test_every_option_can_be_set_in_the_environment(command):
-    todo = [application.load(command)]
+    todo = [load(command)]
     while todo:
         some = todo.pop()
         todo += getattr(some, "commands", {}).values()
