@@ -99,12 +99,15 @@ class Alike:
         """
         ends = np.cumsum(self.probability)
         which = np.searchsorted(ends, uniform * ends[-1]).clip(max=len(ends) - 1)
+        # Of a set-up's variance a share is what lasts and the rest its own, √share and √(1 − share)
+        # of unit draws: together it is as large as the channel shows.
         square = _LASTING[which] ** 2
         share = np.divide(square, variance, out=np.ones_like(square), where=square < variance)
         apart = np.abs(np.subtract.outer(setups, setups))
         lasting = random.standard_normal(unit.shape)
         for memory in MEMORIES[1:]:
             of_memory = _MEMORY[which] == memory
+            # L times independent unit draws are correlated as L Lᵀ.
             root = np.linalg.cholesky(np.exp(-apart / memory))
             lasting[..., of_memory] = np.tensordot(root, lasting[..., of_memory], axes=1)
         share = np.where(_MEMORY[which] > 0.0, share, 0.0)
@@ -243,6 +246,7 @@ def _expected(others: Sequence[FloatArray]) -> FloatArray:
     if not others:
         return AS_LIKELY_NONE
     likelihood = _together(others)
+    # With the probability ODD it is unlike the others, which then say nothing of it.
     expected_log: FloatArray = np.logaddexp(
         np.log1p(-ODD) + likelihood - logsumexp(likelihood), np.log(ODD) + AS_LIKELY_NONE
     )
@@ -277,6 +281,8 @@ def _levels(values: FloatArray, course: FloatArray, visit: IntArray) -> FloatArr
         here = np.isin(visit, group)
         square = float(course[here] @ course[here]) / largest
         if square > 0.0:
+            # Least squares along the course c give v·c/(c·c) of it: the level is as much as that
+            # makes where c is largest, and its variance largest²/(c·c).
             level = float(values[here] @ course[here]) / square
             levels.append((level, largest / square, float(np.mean(group))))
     return np.array(levels).reshape(-1, 3)

@@ -29,6 +29,8 @@ from app.search.threshold import Threshold, threshold
 POWER: Final = 1.2816
 """Standard normal quantile of nine times in ten."""
 
+# Twice the log likelihood ratio of two explanations whose difference has the squares λ, in those of
+# the noise, is normal with the mean λ and the variance 4 λ: λ − 2 POWER √λ = STRONG, solved for λ.
 TELLING_APART: Final = (POWER + float(np.sqrt(POWER**2 + STRONG))) ** 2
 """Expected evidence between two explanations that exceeds STRONG nine times in ten."""
 

@@ -287,6 +287,10 @@ def _bins(
     if width_s < MINUTE_S:
         bins = bins_of_readings(session, machine_id, since, until, width_s)
         return {name: merge_bins(_of(bins, name), width_s) for name in sensors}, ()
+    #     since                               latest             until
+    #       ├─ hours, of readings up to the ──────┼─ the readings ───┤
+    #       │  number `above`                     │  themselves
+    #       └─ readings above that number, if few ┘
     latest = max(hour_of(now - LATEST), hour_of(since))
     hours = binned_hours(
         session,

@@ -100,6 +100,7 @@ class Judged:
         what one set-up did.
         """
         ups = self.rows.set_ups
+        # What was cut from no record is one by itself.
         record = [
             -1 - i if set_up.record is None else set_up.record for i, set_up in enumerate(ups)
         ]
