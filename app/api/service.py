@@ -50,6 +50,12 @@ class ThermapService(FastAPI):
         if scope["type"] != "http":
             await super().__call__(scope, receive, send)
             return
+        #     request ─▶ gate ─▶ route is found ─▶ key ─▶ added layers ─▶ route answers
+        #                │ host, page             │ what the route needs     │
+        #                ▼                        ▼                          ▼
+        #             refused                  refused      an error is answered for it (`_route`)
+        #
+        # All three are counted, and each has its line in the log.
         log = scope[_LOG] = RequestLog(scope, send)
         started = perf_counter()
         scope["app"] = self

@@ -61,6 +61,7 @@ class Waiting(Generic[Item]):
         own. Otherwise it is the oldest of the machine that has most.
         """
         of_machine = self._of_machine[machine]
+        # An equal share for each machine that has something waiting.
         if len(of_machine) * len(self._of_machine) <= len(self._all):
             of_machine = max(self._of_machine.values(), key=len)
         return next(iter(of_machine))

@@ -134,6 +134,7 @@ class EmbeddedRunner:
 
     def _run(self, wakened: Event) -> None:
         while not self._ends.is_set():
+            # Before it is looked: who wakes it from now on is heard by the wait below.
             wakened.clear()
             try:
                 while not self._ends.is_set() and self._run_next():

@@ -147,6 +147,7 @@ def restore_backup(
                 before = keys_before(target)
                 target.execute(delete(BrowserSessionRow))
                 tables = [t for t in Base.metadata.sorted_tables if t.name not in _NOT_REPLACED]
+                # In the order of foreign keys: what points to others goes first and comes last.
                 for table in reversed(tables):
                     target.execute(table.delete())
                 for table in tables:
@@ -257,6 +258,7 @@ def _last_numbers(source: Connection) -> dict[str, int]:
     for table in _numbered():
         in_table = source.execute(select(func.max(table.c.id))).scalar_one() or 0
         if not on_sqlite:
+            # A sequence that was never asked for a number states 1 as well.
             last_value = text(f"SELECT last_value FROM {table.name}_id_seq WHERE is_called")
             last[table.name] = source.execute(last_value).scalar() or 0
         last[table.name] = max(in_table, last.get(table.name, 0))
@@ -346,6 +348,8 @@ def _seal(part: Path) -> None:
 def _give_name(part: Path, file: Path) -> None:
     """Let a whole file appear under its name, but never in place of another."""
     try:
+        # A link is never made in place of a file; a file that is renamed takes that place without a
+        # word.
         os.link(part, file)
     except FileExistsError:
         raise Conflict(f"{file} is there already: give another name") from None
