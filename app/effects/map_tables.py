@@ -9,7 +9,7 @@ machine's policy beyond the maps as the table does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
 from app.thermal.group import Group, Member, Scale
 from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS, added, of_two_maps, weights_of
-
-UNSTATED: Final = 0.5
-"""Standard error where a map states none, in the component's unit."""
 
 TOGETHER = " + "
 """Between the labels of maps that a model takes as one thermal state."""

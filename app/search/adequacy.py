@@ -14,11 +14,11 @@ import numpy as np
 from scipy.special import fdtrc
 
 from app.arrays import BoolArray
-from app.search.channel import ASSUMED_SHIFT
 from app.search.draws import Draws
 from app.search.findings import FAR_OFF, HeldOut, Unexplained
 from app.search.joint_fit import Fit
 from app.search.noise import ENOUGH_REPLICATES, pure_error, repeatability
+from app.search.priors import ASSUMED_SHIFT
 from app.search.problem import Problem, Term
 from app.search.rows import DeclaredNoise
 from app.search.scan import Scan

@@ -18,29 +18,21 @@ from scipy.special import logsumexp
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.levels import Fits, fitted
+from app.search.priors import LASTING_SIZES, MEMORIES, ODD
 from app.search.scatter import FEWEST_SETUPS
 
 MOST_LEVELS: Final = 50
 """Neighbouring set-ups are taken together where there are more: only what lasts matters."""
 
-MEMORIES: Final = (0.0, 2.0, 6.0, 18.0, 54.0)
-"""Set-ups after which a share of 1/e of what one had is left in another; 0: each is made anew."""
-
-SIZES: Final = (0.0, *np.geomspace(0.1, 10.0, 9).tolist())
-"""Standard deviations of what a set-up has for itself and of what lasts, in repeatabilities."""
-
 HALF: Final = 0.5
 """Share of a term's squares from which it does harm if they are none of the machine's."""
-
-ODD: Final = 0.1
-"""Share of the channels whose set-ups are unlike those of the others."""
 
 NEGLIGIBLE: Final = 1e-6
 """Share of a term's largest size below which it has nothing of a shift or a tilt."""
 
 
 def _sizes(memory: float) -> list[tuple[float, float]]:
-    return list(product(SIZES, SIZES[1:] if memory else (0.0,)))
+    return list(product(LASTING_SIZES, LASTING_SIZES[1:] if memory else (0.0,)))
 
 
 AS_LIKELY_NONE: Final = np.concatenate(

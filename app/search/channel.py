@@ -11,20 +11,9 @@ import numpy as np
 from scipy import sparse
 
 from app.arrays import BoolArray, FloatArray, IntArray, SparseArray
+from app.search.priors import ASSUMED_SHIFT, ASSUMED_TILT, WIDE
 from app.search.rows import Datum, Nuisance, Rows
-from app.search.scatter import FEWEST_SETUPS, WIDE, Blocks, Scatter, Whitening, scatters
-
-DECLARED_WEIGHT: Final = 20.0
-"""A declared repeatability counts as much as so many repeated observations."""
-
-ESTIMATED_WEIGHT: Final = 2.0
-"""One that was estimated from the same rows only keeps small samples from certainty."""
-
-ASSUMED_SHIFT, ASSUMED_TILT = 0.5, 0.3
-"""Where the search for the scatter of set-ups starts, in repeatabilities."""
-
-POOLED_WEIGHT: Final = 10.0
-"""One that leans on the replicates of channels that are alike."""
+from app.search.scatter import FEWEST_SETUPS, Blocks, Scatter, Whitening, scatters
 
 LARGEST_PRIOR: Final = 1e4
 """What a standard deviation of a table entry does to the rows is cut to so many repeatabilities:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -12,11 +11,9 @@ from app.arrays import BoolArray, FloatArray
 from app.search.findings import Slope
 from app.search.joint_fit import Fit, fit_terms
 from app.search.model import Model
+from app.search.priors import OF_MAPS
 from app.search.problem import Problem, Term
 from app.search.state import Given, State
-
-OF_MAPS: Final = 0.05
-"""Share by which maps that are read at other temperatures may be wrong of what they then say."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from app.arrays import BoolArray, FloatArray, IntArray, rms, robust_sd
-from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
+from app.search.priors import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
 from app.search.rows import DeclaredNoise, Rows
 
 ENOUGH_REPLICATES: Final = 5

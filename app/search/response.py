@@ -36,29 +36,16 @@ from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from app.arrays import FloatArray, IntArray, rms
+from app.search.priors import (
+    FREEDOM,
+    HARM,
+    RESPONSE_DRIFT,
+    RESPONSE_DRIFT_SPAN,
+    RESPONSE_NOISE,
+    RESPONSE_OWN,
+    START_SHARE,
+)
 from app.search.wander import Wander
-
-OWN: Final = (0.2, 1.0)
-DRIFT: Final = (0.2, 1.0)
-"""ρ and ν, and one standard deviation of their logarithms: repeated warm-ups of one machine differ
-by a fifth of themselves, or as little as a tenth, or by half."""
-
-DRIFT_SPAN: Final = (1.0 / 3.0, 0.7)
-"""l as a share of the time from the first set-up to the last: what changes far quicker is `own`,
-far slower is common."""
-
-NOISE: Final = ((0.04, 1.0), (0.2, 1.0), (300.0, 0.7), (0.15, 1.0), (100.0, 0.7))
-"""White noise, rough wander, its time constant [min], smooth wander, its time constant, sizes as
-shares of all values: an instrument resolves some percent of what is to be corrected, and air and
-foundation move within hours."""
-
-START_SHARE: Final = 0.3
-"""s_g begins at this share of what would explain everything alone. Its prior is exponential with
-that unit as its mean."""
-
-FREEDOM: Final = 4.0
-"""Degrees of freedom of Student's t: a set-up that is off by five standard deviations counts a
-sixth."""
 
 STEPS, MORE_STEPS = 40, 20
 """Most steps of learning, and of learning on with weights."""
@@ -68,9 +55,6 @@ WITHIN: Final = (7.0, 5.0)
 
 HALVINGS: Final = 30
 """A correction is found to a thousand millionth of the range in which it lies."""
-
-HARM: Final = 1.0
-"""Harm counts so much beside the squared error: what is lost, counts twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,11 +241,11 @@ class Response:
         """Logarithms of where learning begins, which are the modes of the priors but of s_g."""
         size = self._size
         days = np.array([course.began for course in self.courses])
-        span = max(float(np.ptp(days)) * DRIFT_SPAN[0], 1e-9)
+        span = max(float(np.ptp(days)) * RESPONSE_DRIFT_SPAN[0], 1e-9)
         # Of the noise, all but the third and the fifth are sizes.
-        noise = [at if i in (2, 4) else at * size for i, (at, _) in enumerate(NOISE)]
+        noise = [at if i in (2, 4) else at * size for i, (at, _) in enumerate(RESPONSE_NOISE)]
         result: FloatArray = np.log(
-            [*(START_SHARE * self._units), DRIFT[0], span, OWN[0], *noise],
+            [*(START_SHARE * self._units), RESPONSE_DRIFT[0], span, RESPONSE_OWN[0], *noise],
         )
         return result
 
@@ -319,7 +303,8 @@ class Response:
 
     @cached_property
     def _spread(self) -> FloatArray:
-        return np.array([spread for _, spread in (DRIFT, DRIFT_SPAN, OWN, *NOISE)])
+        priors = (RESPONSE_DRIFT, RESPONSE_DRIFT_SPAN, RESPONSE_OWN, *RESPONSE_NOISE)
+        return np.array([spread for _, spread in priors])
 
     @cached_property
     def _apart(self) -> FloatArray:

@@ -31,25 +31,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from app.arrays import BoolArray, FloatArray, IntArray
+from app.search.priors import APART, CORRELATION_TIMES_MIN, TIED, TIED_OF_RECORDS, WANDERS
 
 FEWEST_BLOCKS: Final = 8
 """Fewer blocks say nothing about what differs between them."""
-
-TIED: Final = (0.0, 0.3, 1.0, 4.0, 16.0, 80.0, 400.0)
-"""Multiples of the assumed variances of shift and tilt, tried together."""
-
-APART: Final = ((16.0, 1.0), (200.0, 1.0), (1.0, 16.0), (1.0, 200.0))
-"""(shift, tilt), tried apart: a machine may be re-levelled without being turned."""
-
-TIED_OF_RECORDS: Final = (0.0, 1.0, 16.0)
-"""Fewer for long set-ups: what moves within them is the wander's."""
-
-WANDERS: Final = (0.05, 0.2, 0.8, 3.0, 12.0, 60.0)
-"""Variances of the wander's shift, in those of one observation."""
-
-CORRELATION_TIMES_MIN: Final = (4.0, 12.0, 30.0, 80.0, 200.0)
-"""Time constants of the wander. What is slower than the last is called drift, not wander: a
-convention, for one channel of one record cannot tell the two apart."""
 
 REACH: Final = 3.0
 """Set-ups so many time constants apart count as independent: 5 % of a variance is left out, and
@@ -57,13 +42,6 @@ days of visits need not be one matrix."""
 
 UNLIMITED: Final = 1e6
 """Variance of a constant that nobody knows, over the variance of one observation."""
-
-WIDE: Final = 400.0
-"""Variance of the constant of a set-up where too few set-ups tell how they scatter.
-
-It does not grow with anything that is estimated: a wide prior whose determinant depends on a
-parameter votes for that parameter.
-"""
 
 LONG_MIN: Final = 90.0
 """A shorter set-up is one block, where others measure the same: temperatures hardly move in it."""

@@ -18,10 +18,11 @@ import numpy as np
 from scipy.special import bdtrc
 
 from app.arrays import BoolArray, FloatArray, IntArray, robust_sd
-from app.search.channel import DECLARED_WEIGHT, Channel
+from app.search.channel import Channel
 from app.search.findings import Excluded
 from app.search.model import Model
 from app.search.moments import fixed_of
+from app.search.priors import DECLARED_WEIGHT, SLIPS
 from app.search.problem import prepared
 from app.search.rows import Nuisance, Rows
 from app.search.scatter import FEWEST_BLOCKS, Scatter
@@ -33,9 +34,6 @@ OUTLIER: Final = 5.0
 FEW: Final = 12.0
 """A scale of n rows is taken for larger by so many nth: few that happen to be equal make no others
 far."""
-
-SLIPS: Final = 0.05
-"""Share of the rows that may be slips."""
 
 TOO_MANY: Final = 0.01
 """Probability of as many slips in a channel, from which what is far is structure instead."""

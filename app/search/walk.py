@@ -17,6 +17,7 @@ from scipy.special import ndtr
 
 from app.arrays import FloatArray, IntArray
 from app.search.levels import Fits, expected_beside, fitted
+from app.search.priors import WALK_SIZES
 from app.search.scatter import FEWEST_SETUPS
 
 CHANCE: Final = 0.002
@@ -25,11 +26,10 @@ CHANCE: Final = 0.002
 MOST_LEVELS: Final = 100
 """Neighbouring set-ups are taken together where there are more: only slow changes matter."""
 
-SIZES: Final = (0.0, *np.geomspace(0.03, 30.0, 13).tolist())
-SIZES_TRIED: Final = tuple(product(SIZES, SIZES))
+SIZES_TRIED: Final = tuple(product(WALK_SIZES, WALK_SIZES))
 """Standard deviations of a set-up, and of a step of the walk, in repeatabilities."""
 
-_WEIGHTS: Final = np.array([1.0 if step else len(SIZES) - 1.0 for _, step in SIZES_TRIED])
+_WEIGHTS: Final = np.array([1.0 if step else len(WALK_SIZES) - 1.0 for _, step in SIZES_TRIED])
 AS_LIKELY_NONE: Final = _WEIGHTS / _WEIGHTS.sum()
 """Where nothing is known of a walk it is as likely that there is none: set-ups are made anew."""
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from app.identification.watch.setups import CORRELATIONS, PAIRS
+from app.identification.watch.setups import PAIRS
 from app.identification.watch.watching import Judgement, WatchState
+from app.search.priors import WATCH_CORRELATIONS
 from app.storage.stored_shapes import Fields, StoredShape, unchanged
 
 
@@ -33,7 +34,7 @@ def _tracked(stream: Fields) -> Fields:
     return {
         "unchanged": track,
         "learnt": track,
-        "likelihoods": [likelihood for likelihood in stream["setups"] for _ in CORRELATIONS],
+        "likelihoods": [likelihood for likelihood in stream["setups"] for _ in WATCH_CORRELATIONS],
         **{key: stream[key] for key in ("process", "value", "expected")},
     }
 

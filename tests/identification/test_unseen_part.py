@@ -8,9 +8,10 @@ from app.arrays import rms
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.found_effects import HARDLY_SEEN
-from app.identification.analysis.unseen_part import HIDDEN_SIZE, with_expected
+from app.identification.analysis.unseen_part import with_expected
 from app.identification.campaign import residuals_of
 from app.search.candidate import Part
+from app.search.priors import HIDDEN_SIZE
 from app.search.rows import Datum, Rows
 from app.simulation.undeclared import make_campaign
 

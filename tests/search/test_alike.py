@@ -5,14 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from app.search.alike import (
-    MEMORIES,
-    SIZES,
-    evidence_beside_alike,
-    how_alike,
-    set_ups_seen,
-)
+from app.search.alike import evidence_beside_alike, how_alike, set_ups_seen
 from app.search.candidate import Candidate, Part
+from app.search.priors import LASTING_SIZES, MEMORIES
 from app.search.rows import DeclaredNoise, Rows
 from app.search.search import search
 
@@ -90,7 +85,8 @@ def test_a_channel_that_shows_seldom_tells_of_set_ups_that_are_far_apart():
     """Every third set-up forgets in two of its own what all forget in six."""
     visit = np.repeat(np.arange(9), len(U))
     left = np.random.default_rng(3).normal(size=len(visit)) + 0.3 * visit
-    of_memory = [len(SIZES), *(len(SIZES) * (len(SIZES) - 1) for _ in MEMORIES[1:])]
+    sizes = len(LASTING_SIZES)
+    of_memory = [sizes, *(sizes * (sizes - 1) for _ in MEMORIES[1:])]
     ends = np.cumsum(of_memory)
     each, third = (np.split(set_ups_seen(left, n * visit), ends[:-1]) for n in (1, 3))
     for shorter in (2.0, 6.0, 18.0):

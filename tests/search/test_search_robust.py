@@ -8,9 +8,9 @@ import pytest
 from app.arrays import rms
 from app.errors import InvalidContent
 from app.search.candidate import Candidate, Part
-from app.search.channel import ASSUMED_SHIFT
 from app.search.findings import Status, Verdict
 from app.search.noise import repeatability
+from app.search.priors import ASSUMED_SHIFT
 from app.search.rows import Datum, DeclaredNoise, Nuisance, Rows
 from app.search.screening import screen
 from app.search.search import search

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.search.walk import MOST_LEVELS, SIZES, may_be_walk, walk_seen
+from app.search.priors import WALK_SIZES
+from app.search.walk import MOST_LEVELS, may_be_walk, walk_seen
 
 NEVER = 10.0
 
@@ -59,7 +60,8 @@ def test_a_course_over_the_places_counts_as_far_as_it_reaches():
 def test_a_zero_walks_in_set_ups_too_in_which_the_channel_does_not_show():
     """Shown in every tenth, it has gone √10 steps on each time: two of the sizes that are tried."""
     values, _, visit = levels(5, 12, walk=1.0)
-    each, tenth = (walk_seen(values, n * visit).reshape(len(SIZES), len(SIZES)) for n in (1, 10))
+    shape = (len(WALK_SIZES), len(WALK_SIZES))
+    each, tenth = (walk_seen(values, n * visit).reshape(shape) for n in (1, 10))
     larger, smaller = each[:, 3:], tenth[:, 1:-2]
     np.testing.assert_allclose(smaller / smaller.sum(), larger / larger.sum(), rtol=1e-6)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import InvalidContent
-from app.identification.watch.setups import CORRELATIONS
+from app.search.priors import WATCH_CORRELATIONS
 from app.storage.watch_shapes import JUDGEMENTS, WATCH_STATES
 
 OLD = json.loads((Path(__file__).parent / "stored_watch_before_shapes.json").read_text("utf-8"))
@@ -32,7 +32,7 @@ def test_a_state_that_took_set_ups_as_independent_goes_on():
         assert stream.process.begun == old["process"]["begun"]
         assert set(stream.unchanged.constants) == {old["mean"]}
         assert set(stream.unchanged.of_constants) == {old["variance"]}
-        assert [*stream.likelihoods[:: len(CORRELATIONS)]] == old["setups"]
+        assert [*stream.likelihoods[:: len(WATCH_CORRELATIONS)]] == old["setups"]
 
 
 def test_what_an_older_state_left_contradicts_nothing_that_was_stated():

@@ -13,12 +13,13 @@ from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported
 from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
-from app.effects.map_tables import UNSTATED, maps_of_label
+from app.effects.map_tables import maps_of_label
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_maps
 from app.effects.words import TWO_ERRORS, components, parameter, verb
 from app.geometry.components import COMPONENTS
 from app.search.candidate import Expected
+from app.search.priors import UNSTATED_MAP_ERROR
 from app.thermal.error_map import ComponentTable, ErrorMap
 
 WRONG_SIGN: Final = -1.0
@@ -182,7 +183,7 @@ def _times_others(view: CampaignView, codes: tuple[str, ...], label: str) -> flo
 
 
 def _square_over_error(error_map: ErrorMap, table: ComponentTable) -> float:
-    unstated = max(error_map.repeatability_um or 0.0, UNSTATED)
+    unstated = max(error_map.repeatability_um or 0.0, UNSTATED_MAP_ERROR)
     error = unstated if table.standard_errors is None else table.standard_errors
     return float(np.mean((table.errors / np.maximum(error, np.finfo(float).tiny)) ** 2))
 

@@ -38,13 +38,10 @@ from app.identification.analysis.shown_by_few import (
 from app.identification.residuals.residuals import channel_unit
 from app.search.findings import FLEXIBLE, FoundTerm, Rival
 from app.search.names import ALIKE, WALKS
+from app.search.priors import HARM, TRUST
 from app.search.scatter import LONG_MIN
 from app.search.validation import ABOVE_ZERO
 from app.units import SECONDS_PER_MIN
-
-TRUST: Final = 0.5
-"""Power of a likelihood ratio of two explanations: a model that is a little wrong tells as much
-less than it seems to (Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113)."""
 
 OF_EITHER: Final = (
     "only one set-up shows it, so it may come from the machine or from the instrument in "
@@ -119,7 +116,7 @@ class World(NamedTuple):
         # what is below −1 not at all (s above 1).
         mean, error = 1.0 - 2.0 * self.share, 2.0 * self.error
         harm, beyond = (_positive_part(m, error) for m in (mean, -1.0 - mean))
-        return mean + harm + beyond
+        return mean + HARM * harm + beyond
 
 
 def _positive_part(mean: float, error: float) -> float:

@@ -18,9 +18,9 @@ from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
-from app.search.channel import DECLARED_WEIGHT, ESTIMATED_WEIGHT
 from app.search.findings import FAR_OFF, Status, Unexplained, Verdict
 from app.search.noise import KNOWN, shows_scatter
+from app.search.priors import DECLARED_WEIGHT, ESTIMATED_WEIGHT
 from app.search.rows import Datum, Nuisance
 from app.search.scatter import FEWEST_BLOCKS, FEWEST_SETUPS
 from app.search.sum_of_squares import surprise_of_squares

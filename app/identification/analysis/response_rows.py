@@ -32,6 +32,7 @@ from app.effects.response_columns import (
 from app.effects.response_driver import BEYOND, Reach, Responding, written, written_root
 from app.effects.valid import Range
 from app.identification.residuals.residuals import Residuals
+from app.search.priors import MAPS_SHARE, SWING
 from app.search.response import Course, Fitted, Group, Response
 from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
@@ -68,14 +69,6 @@ AT_ONCE_MIN: Final = 60.0
 
 MAP_STEPS: Final = 65
 """Temperatures at which the maps are noted beside a response."""
-
-MAPS_SHARE: Final = 0.5
-"""Prior mean of the maps' coefficient, and the size of its scale: between useless and right."""
-
-SWING: Final = 0.5
-"""Power of a sensor's swing by which its coefficients are expected smaller: halfway between alike
-per kelvin, as bodies expand, and alike by the whole swing, as a nozzle at 200 °C moves no more than
-its frame."""
 
 LEAST_SWING: Final = 0.05
 """Share of the middle sensor's swing from which that of others is no smaller: it is noise."""

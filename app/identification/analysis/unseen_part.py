@@ -17,14 +17,8 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.search.candidate import Part
+from app.search.priors import HIDDEN_SIZE
 from app.search.rows import Datum, Rows
-
-HIDDEN_SIZE: Final = 1.5
-"""Standard deviation of what is hidden, in sizes of what was seen.
-
-A hidden size of zero, known by as much as it is expected to be, is wrong by half of that after
-all: so with less than 2 the squares of what is seen lose more than those of what is hidden gain.
-"""
 
 HARDLY: Final = 0.5
 """What is hidden is hardly known by a standard error above this share of what is seen."""

@@ -16,10 +16,11 @@ import numpy as np
 from scipy import sparse
 
 from app.arrays import FloatArray, IntArray, SparseArray
-from app.effects.map_tables import UNSTATED, maps_of_label
+from app.effects.map_tables import maps_of_label
 from app.effects.observations import POINT_CHANNELS
 from app.effects.projection import Projection, View
 from app.errors import InvalidContent
+from app.search.priors import UNSTATED_MAP_ERROR
 from app.search.rows import Nuisance
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.error_map import ErrorMap
@@ -414,6 +415,6 @@ def _sum(parts: Sequence[SparseArray]) -> SparseArray:
 
 def _unstated(maps: Sequence[ErrorMap], label: str, member: Member) -> float:
     if member.component.unit is not Unit.UM:
-        return UNSTATED
+        return UNSTATED_MAP_ERROR
     declared = [m.repeatability_um for m in maps_of_label(maps, label) if m.repeatability_um]
-    return float(np.mean(declared)) if declared else UNSTATED
+    return float(np.mean(declared)) if declared else UNSTATED_MAP_ERROR

@@ -18,31 +18,20 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray
+from app.search.priors import (
+    CHANGED_BETWEEN,
+    CHANGED_BY,
+    WATCH_CORRELATION_WEIGHTS,
+    WATCH_CORRELATIONS,
+    WATCH_SETUP_WEIGHTS,
+    WATCH_SETUPS,
+)
 
-SETUPS: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Set-up scatters that are held possible, in repeatabilities."""
+PAIRS: Final = len(WATCH_SETUPS) * len(WATCH_CORRELATIONS)
 
-SETUP_WEIGHTS: Final = (0.004, 0.01, 0.03, 0.1, 0.25, 0.606)
-"""How much each is believed at first: rather too much scatter than a false alarm."""
-
-CORRELATIONS: Final = (0.0, 0.5, 0.85)
-"""Correlations with the visit before that are held possible."""
-
-CORRELATION_WEIGHTS: Final = (0.6, 0.2, 0.2)
-"""How much each is believed at first."""
-
-CHANGED_BETWEEN: Final = 0.02
-"""Share of the steps from visit to visit at which the constant may have changed, and then by how
-much: else one step would for long be taken for a wide scatter of set-ups."""
-
-CHANGED_BY: Final = 30.0
-"""[repeatabilities]"""
-
-PAIRS: Final = len(SETUPS) * len(CORRELATIONS)
-
-_SCATTER: Final = np.repeat(SETUPS, len(CORRELATIONS))
-_CORRELATION: Final = np.tile(CORRELATIONS, len(SETUPS))
-_BELIEVED_AT_FIRST: Final = np.log(np.outer(SETUP_WEIGHTS, CORRELATION_WEIGHTS).ravel())
+_SCATTER: Final = np.repeat(WATCH_SETUPS, len(WATCH_CORRELATIONS))
+_CORRELATION: Final = np.tile(WATCH_CORRELATIONS, len(WATCH_SETUPS))
+_BELIEVED_AT_FIRST: Final = np.log(np.outer(WATCH_SETUP_WEIGHTS, WATCH_CORRELATION_WEIGHTS).ravel())
 
 
 @dataclass(frozen=True, slots=True)

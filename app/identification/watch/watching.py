@@ -30,8 +30,8 @@ from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.figures import CheckFigures, WatchFigures, latest_residuals
 from app.identification.watch.lone_values import LoneValue, lone_values, lone_words
 from app.identification.watch.setups import PAIRS, Track, believed, learn, scatter_of_setups
-from app.search.channel import DECLARED_WEIGHT
 from app.search.common_scatter import side_of
+from app.search.priors import DECLARED_WEIGHT
 from app.search.rows import Datum, Rows
 from app.units import Unit
 
