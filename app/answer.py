@@ -10,6 +10,7 @@ import ast
 import inspect
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from functools import cache
 from itertools import pairwise
 from typing import (
@@ -68,6 +69,11 @@ class Answer:
             )
 
 
+def fields_of(answer: Any) -> dict[str, Any]:
+    """Give an answer's fields by name, for a shape that has them and more."""
+    return {field.name: getattr(answer, field.name) for field in fields(answer)}
+
+
 def answers() -> list[type[Answer]]:
     """List the shapes that are defined, as far as they are imported."""
     # Of a class that was made again for its slots, the one before it may still be listed.
@@ -83,8 +89,8 @@ def _below(shape: type[Answer]) -> Iterator[type[Answer]]:
 def _as_answer(schema: dict[str, Any], shape: type[Answer]) -> None:
     """Say of an answer what is so of all: every field is there, and no other; and what each is."""
     schema["additionalProperties"] = False
-    fields = schema.get("properties", {})
-    for field in fields.values():
+    properties = schema.get("properties", {})
+    for field in properties.values():
         field.pop("default", None)
         # A property's docstring is a sentence, what stands under a field is none.
         if field.pop("readOnly", False):
@@ -92,7 +98,7 @@ def _as_answer(schema: dict[str, Any], shape: type[Answer]) -> None:
     hints = get_type_hints(shape, include_extras=True)
     for name, words in _words_under_fields(shape):
         published = FieldInfo.from_annotation(hints[name]).alias or name
-        fields[published]["description"] = " ".join(words.split())
+        properties[published]["description"] = " ".join(words.split())
 
 
 def _words_under_fields(shape: type[Answer]) -> Iterator[tuple[str, str]]:

@@ -906,11 +906,11 @@ class FleetMemberAnswer(Shape):
     there is none
     """
 
-    to_be_asked: bool
-    """Whether none was asked for, or the last one failed or was cancelled"""
-
     why_not: str | None
     """Why none can be asked for; null where one can"""
+
+    to_be_asked: bool
+    """Whether none was asked for, or the last one failed or was cancelled"""
 
 
 class FollowedNumber(Shape):
@@ -2263,20 +2263,20 @@ class VerificationAnswer(Shape):
     label: str
     """The verification's name on its machine"""
 
-    datum: Literal["absolute", "first", "free"] = "absolute"
+    datum: Literal["absolute", "first", "free"]
     """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
     `free`: an unknown constant per component
     """
 
-    repeatability_um: float | None = None
+    repeatability_um: float | None
     """Standard deviation of one length [µm], where it is known; of angles and squareness it says
     nothing
     """
 
-    instrument: str | None = None
+    instrument: str | None
     """What measured, for the certificate"""
 
-    operator: str | None = None
+    operator: str | None
     """Who measured, for the certificate"""
 
     first_at: AwareDatetime
@@ -2307,20 +2307,20 @@ class VerificationPreview(Shape):
     label: str
     """The verification's name on its machine"""
 
-    datum: Literal["absolute", "first", "free"] = "absolute"
+    datum: Literal["absolute", "first", "free"]
     """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
     `free`: an unknown constant per component
     """
 
-    repeatability_um: float | None = None
+    repeatability_um: float | None
     """Standard deviation of one length [µm], where it is known; of angles and squareness it says
     nothing
     """
 
-    instrument: str | None = None
+    instrument: str | None
     """What measured, for the certificate"""
 
-    operator: str | None = None
+    operator: str | None
     """Who measured, for the certificate"""
 
     first_at: AwareDatetime
@@ -2335,7 +2335,7 @@ class VerificationPreview(Shape):
     components: list[str]
     """What was observed: component codes, and `points`"""
 
-    preview: Literal[True] = True
+    preview: Literal[True]
     """That nothing is stored"""
 
     warnings: list[str]
@@ -3702,7 +3702,7 @@ class SimulatedStepDiagonal(AnswerHead):
 class StoredVerificationAnswer(VerificationAnswer):
     """A verification that was stored just now, or was there already."""
 
-    warnings: list[str] = []
+    warnings: list[str]
     """What may be a mistake in it, and what the active model cannot be compared with, and why"""
 
 
@@ -4116,7 +4116,7 @@ class PreviewAnswer(Shape):
 class AnalysisAnswer(AnalysisHead):
     """An analysis with its result, once it is done."""
 
-    result: AnalysisResult | None = None
+    result: AnalysisResult | None
     """What was found; null before that"""
 
 
@@ -4125,11 +4125,6 @@ class FleetAnswer(Shape):
 
     machines: list[FleetMemberAnswer]
     """Every machine"""
-
-    going_on: bool
-    """Whether more will be said without anybody asking for more: an analysis waits or runs, or
-    effects are still to be tried on sisters
-    """
 
     tried: int
     """Effects that were tried on sisters so far"""
@@ -4148,6 +4143,9 @@ class FleetAnswer(Shape):
 
     queue_full: bool
     """Whether some were refused because too many analyses wait: ask again later"""
+
+    going_on: bool
+    """Whether more will be said unasked: an analysis waits or runs, or trials are left"""
 
 
 class MeasurementAnswer(Components):

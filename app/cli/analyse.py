@@ -13,7 +13,6 @@ from pydantic import TypeAdapter
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from app.api.schemas import analyses
 from app.cli.analyse_files import VerificationFile, read_verifications, store_verifications
 from app.cli.analyse_view import analysis_view, plan_view
 from app.cli.answers import shell_words
@@ -36,6 +35,7 @@ from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
 from app.pages.report_parts.words import sentence
+from app.storage.analysis_results import AnalysisWithResult
 from thermap import (
     DEFAULT_URL,
     FieldError,
@@ -187,7 +187,7 @@ def analyse(
 
 def _result(content: bytes) -> Analysis:
     """Read what was found, of an analysis that is done, as the pages read it too."""
-    result = analyses.AnalysisAnswer.model_validate_json(content, extra="ignore").result
+    result = TypeAdapter(AnalysisWithResult).validate_json(content).result
     if result is None:
         raise NotAnalysed("the analysis has no result")
     return result

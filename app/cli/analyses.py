@@ -28,7 +28,7 @@ from app.errors import list_names
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.api.schemas.analyses import AnalysisAnswer
+    from app.storage.analysis_results import AnalysisWithResult
     from thermap.answers import AnalysisHead
 
 analyses = command_group()
@@ -66,7 +66,9 @@ def show_analysis(
 
     Example: `thermap analyses show 1 --machine vmc -o report.html`
     """
-    from app.api.schemas.analyses import AnalysisAnswer
+    from pydantic import TypeAdapter
+
+    from app.storage.analysis_results import AnalysisWithResult
     from thermap import loop_calls
 
     if output is not None:
@@ -78,7 +80,7 @@ def show_analysis(
             write_document(content.decode() + "\n")
         else:
             # As the pages read it too: views are of the service's own classes.
-            show_view(analysis_view(AnalysisAnswer.model_validate_json(content, extra="ignore")))
+            show_view(analysis_view(TypeAdapter(AnalysisWithResult).validate_json(content)))
         if output is not None:
             write_file(output, thermap.analysis_report(chosen, number))
             echo(f"{output}: the report of analysis {number}", err=True)
@@ -153,7 +155,7 @@ def analyses_view(found: Sequence[AnalysisHead]) -> RenderableType:
     return or_nothing(table, "no analysis yet; `thermap analyse` asks for one")
 
 
-def analysis_view(job: AnalysisAnswer) -> RenderableType:
+def analysis_view(job: AnalysisWithResult) -> RenderableType:
     """Lay out one analysis."""
     from app.cli.analyse_view import analysis_view as result_view
 

@@ -24,7 +24,6 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from app.api.schemas.fleet import FleetAnswer
 from app.cli.console import console
 from app.cli.options import write_file
 from app.cli.terminal import echo, write_document
@@ -32,7 +31,7 @@ from app.errors import list_names
 from app.identification.fleet import FleetJudgement
 from app.pages.fleet_report import fleet_report
 from app.pages.report_parts.words import sentence
-from app.services.fleet import GOING_ON
+from app.services.fleet import GOING_ON, FleetView
 from thermap import ServiceUnavailableError, ThermapClient, loop_calls
 from thermap.call import Call
 
@@ -40,6 +39,7 @@ POLL_S: Final = 0.5
 ROOM_S: Final = 5.0
 """When a service whose queue is full is asked again [s]."""
 
+_VIEW: Final = TypeAdapter(FleetView)
 _JUDGEMENT: Final = TypeAdapter(FleetJudgement)
 
 
@@ -87,12 +87,12 @@ def _question(effects: Sequence[str] | None, holdout: float) -> dict[str, Any]:
     return {"effects": None if effects is None else list(effects), "holdout_fraction": holdout}
 
 
-def _read(thermap: ThermapClient, call: Call[Any]) -> FleetAnswer:
+def _read(thermap: ThermapClient, call: Call[Any]) -> FleetView:
     """Read an answer with the application's own shapes, which the report is written from."""
-    return FleetAnswer.model_validate_json(thermap.content(call), extra="ignore")
+    return _VIEW.validate_json(thermap.content(call))
 
 
-def _say_refused(answer: FleetAnswer) -> None:
+def _say_refused(answer: FleetView) -> None:
     for machine, why in answer.refused.items():
         echo(f"{machine}: {why}", err=True)
 
@@ -118,7 +118,7 @@ def _judged(thermap: ThermapClient, question: Mapping[str, Any]) -> FleetJudgeme
 def _follow(
     thermap: ThermapClient,
     question: Mapping[str, Any],
-    answer: FleetAnswer,
+    answer: FleetView,
     progress: Progress,
     task: TaskID,
 ) -> FleetJudgement:
@@ -137,7 +137,7 @@ def _follow(
     return answer.judgement
 
 
-def _going_on(answer: FleetAnswer) -> list[str]:
+def _going_on(answer: FleetView) -> list[str]:
     """List the machines whose analysis waits or runs."""
     jobs = [(machine.machine, machine.analysis) for machine in answer.machines]
     return [machine for machine, job in jobs if job is not None and job.status in GOING_ON]

@@ -8,6 +8,7 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.answer import fields_of
 from app.effects.effect import Effect
 from app.effects.observations import Verification
 from app.effects.registry import explain, kind_of
@@ -46,7 +47,7 @@ from app.storage.analyses import (
     list_analyses,
     stored_analysis,
 )
-from app.storage.analysis_results import RESULTS
+from app.storage.analysis_results import RESULTS, AnalysisWithResult
 from app.storage.job_queue import hand_out
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import find_version
@@ -249,14 +250,14 @@ def show_analyses(context: Context, machine_id: str) -> list[StoredAnalysis]:
         return list_analyses(session, machine_id)
 
 
-def show_analysis(
-    context: Context, machine_id: str, analysis_id: int
-) -> tuple[StoredAnalysis, Analysis | None]:
+def show_analysis(context: Context, machine_id: str, analysis_id: int) -> AnalysisWithResult:
     """Read one analysis, and its result where it is done."""
     with context.database.reading() as session:
         find_machine(session, machine_id)
         row = find_analysis(session, machine_id, analysis_id, result=True)
-        return stored_analysis(row), None if row.result is None else RESULTS.read_text(row.result)
+        head = stored_analysis(row)
+        result = None if row.result is None else RESULTS.read_text(row.result)
+        return AnalysisWithResult(**fields_of(head), result=result)
 
 
 def report_analysis(

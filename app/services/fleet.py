@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import monotonic
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import Field
 from sqlalchemy.orm import Session
 
+from app.answer import Answer, shown
 from app.effects.registry import kind_of
 from app.errors import QueueFull, ThermapError, expect_each_once
 from app.identification.analysis.tried_effect import TriedEffect
@@ -62,51 +64,55 @@ class FleetQuestion:
 
 
 @dataclass(frozen=True, slots=True)
-class FleetMember:
-    """One machine: its analysis of all that was measured, as far as there is one.
+class FleetMember(Answer, published_as="FleetMemberAnswer"):
+    """How far one machine's analysis is."""
 
-    `why_not` says why none can be asked for; empty where one can be, or was.
-    """
-
-    id: str
+    machine: str
+    """Its id"""
     name: str
-    verifications: Sequence[int]
-    job: StoredAnalysis | None
-    why_not: str = ""
+    """Its name for people"""
+    verifications: Annotated[Sequence[int], Field(exclude=True)] = ()
+    analysis: StoredAnalysis | None = None
+    """The analysis that asked this of the active model and all stored verifications; null where
+    there is none"""
+    why_not: str | None = None
+    """Why none can be asked for; null where one can"""
 
-    @property
-    def is_to_be_asked(self) -> bool:
-        """Whether its analysis has not been asked for, or came to nothing."""
+    @shown
+    def to_be_asked(self) -> bool:
+        """Whether none was asked for, or the last one failed or was cancelled."""
         ended = (AnalysisStatus.FAILED, AnalysisStatus.CANCELLED)
-        return not self.why_not and (self.job is None or self.job.status in ended)
+        return not self.why_not and (self.analysis is None or self.analysis.status in ended)
 
     @property
     def is_going_on(self) -> bool:
         """Whether its analysis waits or runs."""
-        return self.job is not None and self.job.status in GOING_ON
+        return self.analysis is not None and self.analysis.status in GOING_ON
 
 
 @dataclass(frozen=True, slots=True)
-class FleetView:
-    """The machines, and what they say together once none of their analyses goes on.
+class FleetView(Answer, published_as="FleetAnswer"):
+    """How far the analyses of all machines are, and what they say together."""
 
-    `judgement` is None before that, and as long as fewer effects are tried on sisters than wanted.
-    `done` lists the machines where what was asked now was done, `refused` says of the others why it
-    was not, and `queue_full` that some may be asked again as soon as fewer analyses wait.
-    """
-
-    members: Sequence[FleetMember]
+    machines: Sequence[FleetMember]
+    """Every machine"""
     tried: int = 0
+    """Effects that were tried on sisters so far"""
     wanted: int = 0
+    """How many are to be tried; 0 until every analysis has ended"""
     judgement: FleetJudgement | None = None
+    """What the analyses say together; null as long as something goes on"""
     done: Sequence[str] = ()
+    """Machines whose analysis was asked for, or cancelled, by this request"""
     refused: Mapping[str, str] = field(default_factory=dict)
+    """By machine, why that was not done"""
     queue_full: bool = False
+    """Whether some were refused because too many analyses wait: ask again later"""
 
-    @property
-    def is_going_on(self) -> bool:
-        """Whether it will say more without anybody asking for more."""
-        return any(member.is_going_on for member in self.members) or self.tried < self.wanted
+    @shown
+    def going_on(self) -> bool:
+        """Whether more will be said unasked: an analysis waits or runs, or trials are left."""
+        return any(member.is_going_on for member in self.machines) or self.tried < self.wanted
 
 
 def likeness_of(machine: Machine) -> Likeness:
@@ -117,7 +123,7 @@ def likeness_of(machine: Machine) -> Likeness:
 
 def analyse_fleet(context: Context, question: FleetQuestion) -> FleetView:
     """Ask for the analyses that are missing, and for those again that failed or were cancelled."""
-    to_ask = [member for member in _members(context, question) if member.is_to_be_asked]
+    to_ask = [member for member in _members(context, question) if member.to_be_asked]
     return _after(context, question, to_ask, _ask)
 
 
@@ -126,7 +132,9 @@ def cancel_fleet(context: Context, question: FleetQuestion) -> FleetView:
     going_on = [member for member in _members(context, question) if member.is_going_on]
     # What waits first: else each that is cancelled would let another one begin.
     going_on.sort(
-        key=lambda item: item.job is not None and item.job.status is AnalysisStatus.RUNNING
+        key=lambda item: (
+            item.analysis is not None and item.analysis.status is AnalysisStatus.RUNNING
+        )
     )
     return _after(context, question, going_on, _cancel)
 
@@ -142,7 +150,7 @@ def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
     with context.database.writing() as session:
         stored = stored_machine(find_machine(session, machine_id, RowLock.CHANGED))
         member = _member(session, stored, question)
-        if stored.active_version is None or not member.is_to_be_asked:
+        if stored.active_version is None or not member.to_be_asked:
             return False
         task = _task(stored.active_version, member.verifications, question)
         queue_analysis(context, session, machine_id, task)
@@ -153,9 +161,9 @@ def _cancel(context: Context, machine_id: str, question: FleetQuestion) -> bool:
     """Cancel a machine's analysis, unless it ended meanwhile."""
     with context.database.reading() as session:
         member = _member(session, stored_machine(find_machine(session, machine_id)), question)
-    if member.job is None or not member.is_going_on:
+    if member.analysis is None or not member.is_going_on:
         return False
-    cancel_analysis(context, machine_id, member.job.id)
+    cancel_analysis(context, machine_id, member.analysis.id)
     return True
 
 
@@ -171,10 +179,10 @@ def _after(
     is_full = False
     for member in members:
         try:
-            if act(context, member.id, question):
-                done.append(member.id)
+            if act(context, member.machine, question):
+                done.append(member.machine)
         except ThermapError as error:
-            refused[member.id] = error.detail
+            refused[member.machine] = error.detail
             is_full = is_full or isinstance(error, QueueFull)
     return replace(show_fleet(context, question), done=done, refused=refused, queue_full=is_full)
 
@@ -192,16 +200,16 @@ def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
         if any(member.is_going_on for member in members):
             return FleetView(members)
         judged = [
-            _judged(session, own, member, watched.get(member.id))
+            _judged(session, own, member, watched.get(member.machine))
             for member, own in zip(members, stored, strict=True)
         ]
     wanted = trials(judged)
-    by_id = {member.id: member for member in members}
+    by_id = {member.machine: member for member in members}
     models = {machine.machine.id: machine.active_version for machine in stored}
     until = monotonic() + TRYING_S
     tried: dict[Trial, TriedEffect | None] = {}
     for trial in wanted:
-        job = by_id[trial.machine].job
+        job = by_id[trial.machine].analysis
         key = (
             trial,
             None if job is None else job.created_at,
@@ -223,11 +231,10 @@ def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
 def _member(session: Session, stored: StoredMachine, question: FleetQuestion) -> FleetMember:
     machine = stored.machine
     if stored.active_version is None:
-        return FleetMember(machine.id, machine.name, (), None, "it has no model yet")
+        return FleetMember(machine.id, machine.name, why_not="it has no model yet")
     numbers = [v.id for v in list_verifications(session, machine.id)]
     if not numbers:
-        why_not = "no check of it is stored"
-        return FleetMember(machine.id, machine.name, (), None, why_not)
+        return FleetMember(machine.id, machine.name, why_not="no check of it is stored")
     task = _task(stored.active_version, numbers, question)
     same = [job for job in list_analyses(session, machine.id) if _is_same(job.task, task)]
     serving = [job for job in same if job.status in (*GOING_ON, AnalysisStatus.DONE)]
@@ -254,19 +261,23 @@ def _is_same(first: AnalysisTask, other: AnalysisTask) -> bool:
 def _judged(session: Session, stored: StoredMachine, one: FleetMember, watch: str | None) -> Member:
     """Read what a machine's analysis found."""
     member = Member(
-        one.id,
+        one.machine,
         one.name,
         likeness_of(stored.machine),
         watch,
         has_verifications=bool(one.verifications),
-        why_not=one.why_not or None,
+        why_not=one.why_not,
     )
-    if one.job is None:
+    if one.analysis is None:
         return member if one.why_not else replace(member, why_not="not analysed yet")
-    row = find_analysis(session, one.id, one.job.id, result=True)
+    row = find_analysis(session, one.machine, one.analysis.id, result=True)
     result = None if row.result is None else RESULTS.read_text(row.result)
-    why_not = None if result else f"analysis {one.job.id} {one.job.status}: {one.job.message}"
-    return replace(member, analysis=one.job.id, result=result, why_not=why_not)
+    why_not = (
+        None
+        if result
+        else f"analysis {one.analysis.id} {one.analysis.status}: {one.analysis.message}"
+    )
+    return replace(member, analysis=one.analysis.id, result=result, why_not=why_not)
 
 
 def _try(context: Context, trial: Trial, on: FleetMember, together: int) -> TriedEffect | None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import FloatArray
 from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, list_names
@@ -28,7 +30,6 @@ from app.services.error_maps import (
 from app.services.measurements import MapHeader, Measured, Storing
 from app.services.readings import store_readings
 from app.services.verifications import check_verification, store_verification
-from app.storage.records import StoredVerification
 from app.storage.verifications import find_verification_by_label
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
@@ -75,12 +76,19 @@ class KeptState:
 
 
 @dataclass(frozen=True, slots=True)
-class KeptVerification:
-    """The stored verification, whether it is new, and how many readings of temperatures are."""
+class KeptVerification(Answer, published_as="DriftVerificationAnswer"):
+    """The course of the test as a verification."""
 
-    stored: StoredVerification
+    id: Annotated[int, Field(examples=[1])]
+    """The verification's number"""
+    observations: Annotated[int, Field(examples=[240])]
+    """How many observations it has"""
+    components: Annotated[Sequence[str], Field(examples=[["points"]])]
+    """What was observed: component codes, and `points`"""
     is_new: bool
-    new_readings: int
+    """False where the same verification was there already"""
+    stored_readings: int
+    """Readings of temperatures that are new"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -407,4 +415,5 @@ def _keep_verification(
     ]
     outcome = store_readings(context, machine.id, readings)
     stored = store_verification(context, machine.id, verification)
-    return KeptVerification(stored.stored, stored.is_new, outcome.stored)
+    kept = stored.stored
+    return KeptVerification(kept.id, kept.count, kept.components, stored.is_new, outcome.stored)

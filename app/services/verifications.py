@@ -6,16 +6,18 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final
+from typing import Annotated, Final, Literal
 
+from pydantic import Field
 from sqlalchemy.orm import Session
 
+from app.answer import Answer
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, counted, list_names
 from app.events.event import EventKind
 from app.geometry.components import COMPONENTS
-from app.identification.watch.watching import WatchState, watch
+from app.identification.watch.watching import FALSE_ALARM, LIMIT, Followed, WatchState, watch
 from app.services.change_model import choose_version, no_model_yet
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
 from app.services.judge_verifications import (
@@ -170,7 +172,7 @@ def _copies(session: Session, machine_id: str, verification: Verification) -> li
         shared = shared_observations(row, verification)
         if shared < min(FEWEST_SHARED, len(times_s)):
             continue
-        is_whole = shared == len(times_s) == stored.observations
+        is_whole = shared == len(times_s) == stored.count
         which = f"verification {stored.label!r} (number {stored.id}) has "
         remarks.append(
             f"{which}the same observations: one that is stored twice counts as two visits; delete "
@@ -362,22 +364,46 @@ def _judged_by(verification: StoredVerification) -> int | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
-    """Where the sequential test of the active version stands, and the verifications it judged.
+class JudgedVerification(Answer):
+    """One verification of the sequence."""
 
-    `updated_at` is None before the first one.
-    """
+    verification: int
+    """Number of the verification"""
+    label: Annotated[str, Field(examples=["night shift"])]
+    """Its name"""
+    last_at: datetime
+    """Time of its last observation, UTC"""
+    status: str
+    """`within`, `beyond` or `not-judged`"""
+    evidence: float | None
+    """Evidence from all verifications up to it, as an e-value"""
+
+
+@dataclass(frozen=True, slots=True)
+class Watch(Answer, published_as="WatchAnswer"):
+    """Where the sequential test of the active version stands."""
 
     model_version: int
-    state: WatchState
+    """The active version"""
+    status: Literal["within", "beyond", "no-verification"]
+    """`no-verification` before the first one was judged"""
+    beyond_since: datetime | None
+    """Time of the visit that first exceeded the limit, UTC; null: none did"""
+    evidence: float
+    """Evidence from all verifications so far, as an e-value; 1 without any"""
+    limit: float
+    """Evidence that an unchanged machine ever reaches only with probability `false_alarm`"""
+    false_alarm: float
+    """Probability that an unchanged machine is ever called changed"""
     updated_at: datetime | None
-    judged: list[StoredVerification]
-
-    @property
-    def beyond_since(self) -> datetime | None:
-        """Time of the visit with which the limit was first exceeded."""
-        since_s = self.state.beyond_since_s
-        return None if since_s is None else datetime.fromtimestamp(since_s, UTC)
+    """When the last verification was judged, UTC"""
+    contradiction: str | None
+    """What is said where nearly all lengths contradict the repeatability that is stated, and what
+    that does to the watch; null where they do not"""
+    numbers: Sequence[Followed]
+    """What is followed, strongest evidence first"""
+    verifications: Sequence[JudgedVerification]
+    """What was judged, oldest first"""
 
 
 def show_watch(context: Context, machine_id: str) -> Watch:
@@ -395,10 +421,22 @@ def show_watch(context: Context, machine_id: str) -> Watch:
             raise no_model_yet(machine_id)
         stored_watch = find_watch(session, machine_id, version)
         judged = [
-            v
+            JudgedVerification(v.id, v.label, v.last_at, v.judgement.status, v.judgement.evidence)
             for v in list_verifications(session, machine_id)
             if v.judgement is not None and v.judgement.model_version == version
         ]
-    if stored_watch is None:
-        return Watch(version, WatchState(), None, judged)
-    return Watch(version, stored_watch.state, stored_watch.updated_at, judged)
+    state = WatchState() if stored_watch is None else stored_watch.state
+    since_s = state.beyond_since_s
+    status: Literal["within", "beyond"] = "within" if since_s is None else "beyond"
+    return Watch(
+        model_version=version,
+        status=status if state.streams else "no-verification",
+        beyond_since=None if since_s is None else datetime.fromtimestamp(since_s, UTC),
+        evidence=state.evidence(),
+        limit=LIMIT,
+        false_alarm=FALSE_ALARM,
+        updated_at=None if stored_watch is None else stored_watch.updated_at,
+        contradiction=state.contradiction(),
+        numbers=state.all_followed(),
+        verifications=judged,
+    )

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
 from app.identification.analysis.analysis import Analysis
+from app.storage.records import StoredAnalysis
 from app.storage.stored_shapes import Fields, StoredShape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnalysisWithResult(StoredAnalysis, published_as="AnalysisAnswer"):
+    """An analysis with its result, once it is done."""
+
+    result: Analysis | None
+    """What was found; null before that"""
 
 
 def _from_0(stored: Fields) -> Fields:

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Final
+from typing import Annotated, Any, Final
 
+from pydantic import Field
+
+from app.answer import Answer
+from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
-
-if TYPE_CHECKING:
-    from app.identification.watch.watching import Judgement
 
 LARGEST_INTEGER: Final = 2**31 - 1
 """The largest number of a column of type Integer; databases refuse to be asked for more."""
@@ -56,25 +57,42 @@ class ModelVersion:
     maps: Sequence[StoredMap]
 
 
-@dataclass(frozen=True, slots=True)
-class StoredVerification:
-    """What is known of a verification without its observations.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerificationExtent(Answer):
+    """What a verification says beside its observations, and how far these go."""
 
-    `judgement` is what the watch said of it when it came, None where nothing could be said.
-    """
-
-    id: int
-    label: str
+    label: Annotated[str, Field(examples=["night shift"])]
+    """The verification's name on its machine"""
     datum: Datum
-    repeatability_um: float | None
-    stored_at: datetime
+    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
+    `free`: an unknown constant per component"""
+    repeatability_um: Annotated[float | None, Field(examples=[0.5])]
+    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
+    nothing"""
+    instrument: Annotated[str | None, Field(examples=["XL-80, no. 4711"])] = None
+    """What measured, for the certificate"""
+    operator: Annotated[str | None, Field(examples=["M. Weber"])] = None
+    """Who measured, for the certificate"""
     first_at: datetime
+    """Time of its first observation, UTC"""
     last_at: datetime
-    observations: int
-    components: Sequence[str]
+    """Time of its last observation, UTC"""
+    count: Annotated[int, Field(examples=[240])]
+    """How many observations it has"""
+    components: Annotated[Sequence[str], Field(examples=[["EXX", "points"]])]
+    """What was observed: component codes, and `points`"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredVerification(VerificationExtent, published_as="VerificationAnswer"):
+    """A stored verification without its observations."""
+
+    id: Annotated[int, Field(examples=[1])]
+    """The verification's number"""
+    stored_at: datetime
+    """When it was stored, UTC"""
     judgement: Judgement | None
-    instrument: str | None = None
-    operator: str | None = None
+    """What it said of the active model when it came, or once its readings had"""
 
 
 class AnalysisStatus(StrEnum):
@@ -106,17 +124,41 @@ class AnalysisTask:
     seed: int
 
 
-@dataclass(frozen=True, slots=True)
-class StoredAnalysis:
-    """An analysis as a job; its result is read apart, for it is long."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredAnalysis(Answer, published_as="AnalysisHead"):
+    """An analysis as a job, without its result."""
 
-    id: int
-    machine_id: str
-    task: AnalysisTask
+    id: Annotated[int, Field(examples=[1])]
+    """The analysis' number"""
     status: AnalysisStatus
+    """`queued`, `running`, `done`, `failed` or `cancelled`"""
     progress: float
+    """Share of the work that is done, from 0 to 1"""
     message: str
+    """What is being done, or why it failed"""
+    model_version: int
+    """Version that is compared with the verifications"""
+    verifications: Sequence[int]
+    """Numbers of the verifications"""
+    holdout_fraction: float
+    """Share of the visits held out"""
+    effects: Sequence[str] | None
+    """Kinds that are looked for; null for all"""
+    seed: int
+    """Seed of all random draws"""
     created_at: datetime
+    """When it was asked for, UTC"""
     started_at: datetime | None
+    """When it began, UTC"""
     finished_at: datetime | None
+    """When it ended, UTC"""
     adopted_version: int | None
+    """Model version that was made from it; null as long as there is none"""
+    machine_id: Annotated[str, Field(exclude=True)] = ""
+
+    @property
+    def task(self) -> AnalysisTask:
+        """What was asked for."""
+        return AnalysisTask(
+            self.model_version, self.verifications, self.holdout_fraction, self.effects, self.seed
+        )

@@ -136,7 +136,7 @@ def stored_verification(row: VerificationRow) -> StoredVerification:
         stored_at=row.stored_at,
         first_at=row.first_at,
         last_at=row.last_at,
-        observations=row.observations,
+        count=row.observations,
         components=row.components,
         judgement=None if row.judgement is None else JUDGEMENTS.read(row.judgement),
         instrument=row.instrument,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Final
 from urllib.parse import quote
 
 import orjson
 from fastapi import Response
 from fastapi.responses import HTMLResponse
+from pydantic import TypeAdapter
 
 from app.access.keys import Role
 from app.api.access import needs
@@ -24,8 +26,6 @@ from app.api.pages import Page
 from app.api.router import Router
 from app.api.schemas.analyses import (
     AdoptionRequest,
-    AnalysisAnswer,
-    AnalysisHead,
     AnalysisRequest,
     PlanRequest,
 )
@@ -44,10 +44,14 @@ from app.services.analyses import (
     show_analyses,
     show_analysis,
 )
+from app.storage.analysis_results import AnalysisWithResult
+from app.storage.records import StoredAnalysis
 
 router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/analyses", tags=["closing the loop"]
 )
+
+_WITH_RESULT: Final = TypeAdapter(AnalysisWithResult)
 
 
 @router.post("", status_code=202, summary="Ask for an analysis")
@@ -57,7 +61,7 @@ def post_analysis(
     machine: MachinePath,
     body: AnalysisRequest,
     response: Response,
-) -> AnalysisHead:
+) -> StoredAnalysis:
     """Compare the active model with verifications, as a job: ask for it until it is done."""
     queued = request_analysis(
         context,
@@ -69,7 +73,7 @@ def post_analysis(
     )
     runner.wake()
     response.headers["Location"] = f"/v1/machines/{machine}/analyses/{queued.id}"
-    return AnalysisHead.of(queued)
+    return queued
 
 
 @router.post(
@@ -85,16 +89,16 @@ def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> P
 
 
 @router.get("", summary="List analyses")
-def get_analyses(context: ContextDep, machine: MachinePath) -> list[AnalysisHead]:
+def get_analyses(context: ContextDep, machine: MachinePath) -> list[StoredAnalysis]:
     """List a machine's analyses without their results, oldest first."""
-    return [AnalysisHead.of(stored) for stored in show_analyses(context, machine)]
+    return show_analyses(context, machine)
 
 
-@router.get("/{analysis_id}", summary="Show an analysis", response_model=AnalysisAnswer)
+@router.get("/{analysis_id}", summary="Show an analysis", response_model=AnalysisWithResult)
 def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Response:
     """Show how far an analysis is and, once it is done, what it found."""
-    stored, result = show_analysis(context, machine, analysis_id)
-    answer = AnalysisAnswer.with_result(stored, result).model_dump(mode="json")
+    analysis = show_analysis(context, machine, analysis_id)
+    answer = _WITH_RESULT.dump_python(analysis, mode="json")
     # What adoption stores stays as it is.
     written = orjson.dumps(to_digits_in(answer, stored=("effect",)))
     return Response(written, media_type=JSON)
@@ -124,11 +128,11 @@ def _loop(machine: str, analysis_id: int) -> str:
 @router.post("/{analysis_id}/cancel", summary="Cancel an analysis")
 def post_cancel(
     context: ContextDep, runner: RunnerDep, machine: MachinePath, analysis_id: AnalysisPath
-) -> AnalysisHead:
+) -> StoredAnalysis:
     """Cancel a waiting or running analysis; cancelling again changes nothing."""
     cancelled = cancel_analysis(context, machine, analysis_id)
     runner.wake()
-    return AnalysisHead.of(cancelled)
+    return cancelled
 
 
 @router.post("/{analysis_id}/adopt", summary="Adopt what an analysis found")

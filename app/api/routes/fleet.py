@@ -8,49 +8,49 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, FleetQuestionQuery, RunnerDep
 from app.api.router import Router
 from app.api.schemas.analyses import TriedEffectRequest
-from app.api.schemas.fleet import FleetAnswer, FleetRequest
+from app.api.schemas.fleet import FleetRequest
 from app.identification.analysis.tried_effect import TriedEffect
 from app.services.analyses import try_found_effect
-from app.services.fleet import analyse_fleet, cancel_fleet, show_fleet
+from app.services.fleet import FleetView, analyse_fleet, cancel_fleet, show_fleet
 
 router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
 
 
 @router.get("", summary="Show what all machines' analyses say together")
 @needs(Role.VIEWER, all_machines=True)
-def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetAnswer:
+def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> FleetView:
     """Say how far the analysis of every machine is, and what they all say together.
 
     An analysis serves that asked the same of the active model and all stored verifications. What
     helps where it was found is tried on sisters: for two seconds at most in one answer, so ask
     again until nothing goes on.
     """
-    return FleetAnswer.of(show_fleet(context, question))
+    return show_fleet(context, question)
 
 
 @router.post("/analyses", status_code=202, summary="Analyse every machine")
 @needs(Role.METROLOGIST, all_machines=True)
 def post_analyses(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
-) -> FleetAnswer:
+) -> FleetView:
     """Ask for the analyses that are missing, and again for those that failed or were cancelled.
 
     What was asked already serves, by whomever. `refused` says which machine's could not be asked.
     """
     view = analyse_fleet(context, (body or FleetRequest()).to_question())
     runner.wake()
-    return FleetAnswer.of(view)
+    return view
 
 
 @router.post("/analyses/cancel", summary="Cancel the analyses of every machine")
 @needs(Role.METROLOGIST, all_machines=True)
 def post_cancel(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
-) -> FleetAnswer:
+) -> FleetView:
     """Cancel the waiting and running analyses that asked this; finished ones stay."""
     view = cancel_fleet(context, (body or FleetRequest()).to_question())
     runner.wake()
-    return FleetAnswer.of(view)
+    return view
 
 
 @router.post("/tried-effects", summary="Try an effect of one machine on another")

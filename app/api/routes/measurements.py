@@ -44,7 +44,6 @@ from app.api.schemas.measurements.diagonals import (
 )
 from app.api.schemas.measurements.drift import (
     DriftStateAnswer,
-    DriftVerificationAnswer,
     ThermalDriftAnswer,
     ThermalDriftRequest,
 )
@@ -322,7 +321,7 @@ def post_thermal_drift(
             "measured_at and temperatures_c of the whole were not used: each reading has its own."
         )
     if stored_drift.verification is not None:
-        fields["verification"] = DriftVerificationAnswer.of(stored_drift.verification)
+        fields["verification"] = stored_drift.verification
     return ThermalDriftAnswer(
         **fields, states=[DriftStateAnswer.of(state) for state in stored_drift.states]
     )

@@ -8,7 +8,9 @@ from typing import Any, Final
 
 import orjson
 from fastapi import Response
+from pydantic import TypeAdapter
 
+from app.answer import fields_of
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import JSON
@@ -16,15 +18,14 @@ from app.api.router import Router
 from app.api.schemas.verifications import (
     MeasuredObservation,
     StoredVerificationAnswer,
-    VerificationAnswer,
     VerificationRequest,
     WholeVerificationAnswer,
 )
-from app.api.schemas.watch import WatchAnswer
 from app.api.table_json import OPTIONS
 from app.effects.observations import Verification
 from app.services.context import Context
 from app.services.verifications import (
+    Watch,
     delete_verification,
     remarks_on_verification,
     show_verification,
@@ -32,9 +33,12 @@ from app.services.verifications import (
     show_watch,
     store_verification,
 )
+from app.storage.records import StoredVerification
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
 PATH = "/verifications"
+
+_STORED: Final = TypeAdapter(StoredVerification)
 
 NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
     200: {
@@ -64,9 +68,9 @@ def post_verification(
 
 
 @router.get(PATH, summary="List verifications")
-def get_verifications(context: ContextDep, machine: MachinePath) -> list[VerificationAnswer]:
+def get_verifications(context: ContextDep, machine: MachinePath) -> list[StoredVerification]:
     """List a machine's verifications without their observations, oldest first."""
-    return [VerificationAnswer.of(v) for v in show_verifications(context, machine)]
+    return show_verifications(context, machine)
 
 
 @router.get(
@@ -79,7 +83,7 @@ def get_verification(
 ) -> Response:
     """Show one verification with its observations, in our components and signs."""
     stored, verification = show_verification(context, machine, verification_id)
-    head = VerificationAnswer.of(stored).model_dump()
+    head = _STORED.dump_python(stored)
     head["observations"] = [
         MeasuredObservation.of(o, datetime.fromtimestamp(o.time_s, UTC))
         for o in verification.observations
@@ -96,13 +100,13 @@ def remove_verification(
 
 
 @router.get("/watch", summary="Whether the machine still is as its model says")
-def get_watch(context: ContextDep, machine: MachinePath) -> WatchAnswer:
+def get_watch(context: ContextDep, machine: MachinePath) -> Watch:
     """Show where the sequential test of the active version stands, over all verifications.
 
     An unchanged machine is ever called changed with a probability of at most `false_alarm`,
     however often it is looked at. Each model version has a test of its own.
     """
-    return WatchAnswer.of(show_watch(context, machine))
+    return show_watch(context, machine)
 
 
 def answer_to_verification(
@@ -117,6 +121,4 @@ def answer_to_verification(
     response.status_code = 201 if outcome.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{outcome.stored.id}"
     remarks = remarks_on_verification(context, machine, verification, outcome.stored.components)
-    return StoredVerificationAnswer(
-        **VerificationAnswer.of(outcome.stored).model_dump(), warnings=[*notes, *remarks]
-    )
+    return StoredVerificationAnswer(**fields_of(outcome.stored), warnings=[*notes, *remarks])

@@ -1,19 +1,18 @@
-"""Analyses over HTTP: what is asked, how far it is, what became of it."""
+"""What is asked of analyses over HTTP."""
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from app.api.schemas.base import Integer, Name, Number, Schema, UtcTime, YesOrNo
+from app.api.schemas.base import Integer, Name, Number, Schema, YesOrNo
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.verifications import PlannedObservation
 from app.effects.observations import Verification
 from app.errors import InvalidContent
-from app.identification.analysis.analysis import Analysis
 from app.search.rows import Datum
-from app.storage.records import LARGEST_INTEGER, AnalysisStatus, StoredAnalysis
+from app.storage.records import LARGEST_INTEGER
 
 VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]
 """Numbers of verifications."""
@@ -134,58 +133,6 @@ class TriedEffectRequest(Schema):
         1,
         description="Number of machines on which effects are tried in all: thresholds rise with it",
     )
-
-
-class AnalysisHead(Schema):
-    """An analysis as a job, without its result."""
-
-    id: int = Field(description="The analysis' number", examples=[1])
-    status: AnalysisStatus = Field(
-        description="`queued`, `running`, `done`, `failed` or `cancelled`"
-    )
-    progress: Number = Field(description="Share of the work that is done, from 0 to 1")
-    message: str = Field(description="What is being done, or why it failed")
-    model_version: int = Field(description="Version that is compared with the verifications")
-    verifications: list[int] = Field(description="Numbers of the verifications")
-    holdout_fraction: Number = Field(description="Share of the visits held out")
-    effects: list[str] | None = Field(description="Kinds that are looked for; null for all")
-    seed: int = Field(description="Seed of all random draws")
-    created_at: UtcTime = Field(description="When it was asked for, UTC")
-    started_at: UtcTime | None = Field(description="When it began, UTC")
-    finished_at: UtcTime | None = Field(description="When it ended, UTC")
-    adopted_version: int | None = Field(
-        description="Model version that was made from it; null as long as there is none"
-    )
-
-    @classmethod
-    def of(cls, stored: StoredAnalysis) -> Self:
-        """Show a job."""
-        return cls(
-            id=stored.id,
-            status=stored.status,
-            progress=stored.progress,
-            message=stored.message,
-            model_version=stored.task.model_version,
-            verifications=list(stored.task.verification_ids),
-            holdout_fraction=stored.task.holdout_fraction,
-            effects=None if stored.task.kinds is None else list(stored.task.kinds),
-            seed=stored.task.seed,
-            created_at=stored.created_at,
-            started_at=stored.started_at,
-            finished_at=stored.finished_at,
-            adopted_version=stored.adopted_version,
-        )
-
-
-class AnalysisAnswer(AnalysisHead):
-    """An analysis with its result, once it is done."""
-
-    result: Analysis | None = Field(None, description="What was found; null before that")
-
-    @classmethod
-    def with_result(cls, stored: StoredAnalysis, result: Analysis | None) -> Self:
-        """Show a job with its result."""
-        return cls(**dict(AnalysisHead.of(stored)), result=result)
 
 
 class AdoptionRequest(Schema):

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import Name, Number, Schema, UtcTime, also
+from app.api.schemas.base import Name, Number, Schema, also
 from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
 from app.effects.observations import MOST_OBSERVATIONS, Observation, Verification
 from app.errors import InvalidContent
 from app.field_errors import way_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
-from app.identification.watch.watching import Judgement
 from app.search.rows import Datum
+from app.storage.records import StoredVerification, VerificationExtent
 from app.thermal.error_map import impossible_error, positions_for_errors
 from app.units import Unit
 
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion
-    from app.storage.records import StoredVerification
 
 _VALUES: Final = ("measured_um", "measured_urad", "measured_um_per_m", "measured_urad_per_m")
 
@@ -152,32 +152,7 @@ class PlannedObservation(WithSetup):
         return _observed(question, [0.0] if question.point_mm is None else [0.0] * 3, self)
 
 
-class VerificationHead(Schema):
-    """What a verification says beside its observations."""
-
-    label: Name = Field(
-        description="The verification's name on its machine", examples=["night shift"]
-    )
-    datum: Datum = Field(
-        Datum.ABSOLUTE,
-        description="`absolute`; `first`: the instrument was zeroed at the first observation of "
-        "each component; `free`: an unknown constant per component",
-    )
-    repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
-        None,
-        description="Standard deviation of one length [µm], where it is known; of angles and "
-        "squareness it says nothing",
-        examples=[0.5],
-    )
-    instrument: Name | None = Field(
-        None, description="What measured, for the certificate", examples=["XL-80, no. 4711"]
-    )
-    operator: Name | None = Field(
-        None, description="Who measured, for the certificate", examples=["M. Weber"]
-    )
-
-
-class VerificationRequest(VerificationHead):
+class VerificationRequest(Schema):
     """Up to 100,000 observations of one machine, with one set-up or several."""
 
     model_config = ConfigDict(
@@ -206,6 +181,26 @@ class VerificationRequest(VerificationHead):
         }
     )
 
+    label: Name = Field(
+        description="The verification's name on its machine", examples=["night shift"]
+    )
+    datum: Datum = Field(
+        Datum.ABSOLUTE,
+        description="`absolute`; `first`: the instrument was zeroed at the first observation of "
+        "each component; `free`: an unknown constant per component",
+    )
+    repeatability_um: Annotated[Number, Field(gt=0)] | None = Field(
+        None,
+        description="Standard deviation of one length [µm], where it is known; of angles and "
+        "squareness it says nothing",
+        examples=[0.5],
+    )
+    instrument: Name | None = Field(
+        None, description="What measured, for the certificate", examples=["XL-80, no. 4711"]
+    )
+    operator: Name | None = Field(
+        None, description="Who measured, for the certificate", examples=["M. Weber"]
+    )
     observations: Annotated[list[MeasuredObservation], InPieces(MOST_OBSERVATIONS)] = Field(
         description="What was measured"
     )
@@ -250,20 +245,14 @@ def _expect_deviations(observations: Sequence[Observation]) -> None:
             raise InvalidContent.of_field(f"observations.{line[0][0]}.measured_um", refusal)
 
 
-class _WithExtent(VerificationHead):
-    first_at: UtcTime = Field(description="Time of its first observation, UTC")
-    last_at: UtcTime = Field(description="Time of its last observation, UTC")
-    count: int = Field(description="How many observations it has", examples=[240])
-    components: list[str] = Field(
-        description="What was observed: component codes, and `points`", examples=[["EXX", "points"]]
-    )
-
-
-class VerificationPreview(_WithExtent):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerificationPreview(VerificationExtent):
     """What was read as a verification; nothing is stored."""
 
-    preview: Literal[True] = Field(True, description="That nothing is stored")
-    warnings: list[str] = Field(description="What of it was not read, or may be a mistake")
+    preview: Literal[True] = True
+    """That nothing is stored"""
+    warnings: Sequence[str]
+    """What of it was not read, or may be a mistake"""
 
     @classmethod
     def of(cls, verification: Verification, warnings: Sequence[str]) -> Self:
@@ -280,49 +269,21 @@ class VerificationPreview(_WithExtent):
             last_at=max(times),
             count=len(times),
             components=sorted(observed, key=lambda name: ORDER.get(name, len(ORDER))),
-            warnings=list(warnings),
+            warnings=warnings,
         )
 
 
-class VerificationAnswer(_WithExtent):
-    """A stored verification without its observations."""
-
-    id: int = Field(description="The verification's number", examples=[1])
-    stored_at: UtcTime = Field(description="When it was stored, UTC")
-    judgement: Judgement | None = Field(
-        description="What it said of the active model when it came, or once its readings had"
-    )
-
-    @classmethod
-    def of(cls, stored: StoredVerification) -> Self:
-        """Show a stored verification."""
-        return cls(
-            id=stored.id,
-            label=stored.label,
-            datum=stored.datum,
-            repeatability_um=stored.repeatability_um,
-            instrument=stored.instrument,
-            operator=stored.operator,
-            stored_at=stored.stored_at,
-            first_at=stored.first_at,
-            last_at=stored.last_at,
-            count=stored.observations,
-            components=list(stored.components),
-            judgement=stored.judgement,
-        )
-
-
-class StoredVerificationAnswer(VerificationAnswer):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredVerificationAnswer(StoredVerification):
     """A verification that was stored just now, or was there already."""
 
-    warnings: list[str] = Field(
-        default_factory=list,
-        description="What may be a mistake in it, and what the active model cannot be compared "
-        "with, and why",
-    )
+    warnings: Sequence[str]
+    """What may be a mistake in it, and what the active model cannot be compared with, and why"""
 
 
-class WholeVerificationAnswer(VerificationAnswer):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WholeVerificationAnswer(StoredVerification):
     """A stored verification with its observations, in the order in which they came."""
 
-    observations: list[MeasuredObservation] = Field(description="What was measured")
+    observations: Sequence[MeasuredObservation]
+    """What was measured"""

@@ -16,10 +16,10 @@ from app.storage.records import AnalysisStatus
 
 def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
     """Write the page of all machines' analyses together."""
-    going_on = [one for one in view.members if one.is_going_on]
-    ended = [one for one in view.members if one.job is not None and not one.is_going_on]
-    asked = [one for one in view.members if one.job is not None]
-    to_ask = [one for one in view.members if one.is_to_be_asked]
+    going_on = [one for one in view.machines if one.is_going_on]
+    ended = [one for one in view.machines if one.analysis is not None and not one.is_going_on]
+    asked = [one for one in view.machines if one.analysis is not None]
+    to_ask = [one for one in view.machines if one.to_be_asked]
     judged = {} if view.judgement is None else {m.machine: m for m in view.judgement.machines}
     return render_live(
         "dashboard/fleet.html",
@@ -42,7 +42,7 @@ def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
         )
         if going_on
         else "",
-        rows=[_row(one, judged.get(one.id)) for one in _ordered(view, judged)],
+        rows=[_row(one, judged.get(one.machine)) for one in _ordered(view, judged)],
         several=[e for e in judged_effects(view) if len(e.found_on) > 1],
         effects=judged_effects(view),
         explanation_name=explanation_name,
@@ -84,11 +84,11 @@ def _ordered(view: FleetView, judged: dict[str, Any]) -> list[FleetMember]:
     """Put those that drift first, where that is known."""
     order = list(judged)
     known = {name: i for i, name in enumerate(order)}
-    return sorted(view.members, key=lambda one: known.get(one.id, len(order)))
+    return sorted(view.machines, key=lambda one: known.get(one.machine, len(order)))
 
 
 def _title(view: FleetView, to_ask: int) -> str:
-    is_analysed = any(one.job is not None for one in view.members)
+    is_analysed = any(one.analysis is not None for one in view.machines)
     if view.judgement is not None and is_analysed:
         summary = in_english(view.judgement.summary)
         if not to_ask:
@@ -99,7 +99,7 @@ def _title(view: FleetView, to_ask: int) -> str:
         return summary + " " + more
     if view.tried < view.wanted:
         return _("What was found is being tried on sisters.")
-    if view.is_going_on:
+    if view.going_on:
         return _("The machines are being analysed.")
     if to_ask:
         return counted(
@@ -130,7 +130,7 @@ def _share(view: FleetView) -> float:
     """Say how much of the analyses is done, 0 to 1; trials come after them."""
     if view.wanted:
         return view.tried / view.wanted
-    jobs = [one.job for one in view.members if one.job is not None]
+    jobs = [one.analysis for one in view.machines if one.analysis is not None]
     done = [
         job.progress
         if job.status is AnalysisStatus.RUNNING
@@ -141,7 +141,7 @@ def _share(view: FleetView) -> float:
 
 
 def _row(one: FleetMember, judged: Any) -> dict[str, Any]:
-    job = one.job
+    job = one.analysis
     if one.why_not:
         state = _("cannot be analysed: %(why)s", why=one.why_not)
     elif job is None:

@@ -146,7 +146,7 @@ def later_words(later: LaterVisits) -> str:
 def _steps(view: LoopView) -> list[dict[str, Any]]:
     """Say where we are: checks, analysis, decide, later visits."""
     one, later = view.chosen, view.later
-    observations = sum(v.observations for v in view.verifications)
+    observations = sum(v.count for v in view.verifications)
     checks = ", ".join(
         (
             counted(len(view.verifications), "%(count)s check", "%(count)s checks"),

@@ -13,11 +13,11 @@ from app.api.schemas.measurements.base import Axis, MeasurementAnswer, Measureme
 from app.errors import InvalidContent
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.rounding import Digits
-from app.services.thermal_drift import DriftReading
+from app.services.thermal_drift import DriftReading, KeptVerification
 from app.units import SECONDS_PER_MIN
 
 if TYPE_CHECKING:
-    from app.services.thermal_drift import KeptState, KeptVerification
+    from app.services.thermal_drift import KeptState
 
 MOST_READINGS: Final = 10_000
 """A week of a reading a minute."""
@@ -199,33 +199,10 @@ class DriftStateAnswer(Schema):
         )
 
 
-class DriftVerificationAnswer(Schema):
-    """The course of the test as a verification."""
-
-    id: int = Field(description="The verification's number", examples=[1])
-    observations: int = Field(description="How many observations it has", examples=[240])
-    components: list[str] = Field(
-        description="What was observed: component codes, and `points`", examples=[["points"]]
-    )
-    is_new: bool = Field(description="False where the same verification was there already")
-    stored_readings: int = Field(description="Readings of temperatures that are new")
-
-    @classmethod
-    def of(cls, verification: KeptVerification) -> Self:
-        """Show what was stored."""
-        return cls(
-            id=verification.stored.id,
-            observations=verification.stored.observations,
-            components=list(verification.stored.components),
-            is_new=verification.is_new,
-            stored_readings=verification.new_readings,
-        )
-
-
 class ThermalDriftAnswer(MeasurementAnswer):
     """The figures of ISO 230-3's tests in `figures`; `components` are those of the last state."""
 
     states: list[DriftStateAnswer] = Field(description="Thermal states, in order of time")
-    verification: DriftVerificationAnswer | None = Field(
+    verification: KeptVerification | None = Field(
         None, description="The stored verification, where one was asked for"
     )
