@@ -39,7 +39,7 @@ LONGEST_SPAN: Final = timedelta(days=3660)
 READ_DIRECTLY: Final = timedelta(hours=3)
 """Of a shorter time bins are made of the readings themselves, as narrow as wanted."""
 
-LATEST: Final = timedelta(hours=2)
+LATEST: Final = timedelta(minutes=15)
 """The latest readings are not in hours yet (`app.services.bin_readings`)."""
 
 MOST_UNBINNED: Final = 100_000
@@ -300,12 +300,14 @@ def _bins(
         sensors,
         whole=width_s >= 3600,
     )
-    above = binned_up_to(session)
-    are_few = newest_id(session) - above <= MOST_UNBINNED
+    above, newest = binned_up_to(session), newest_id(session)
+    are_few = newest - above <= MOST_UNBINNED
     added: list[Mapping[str, FloatArray]] = []
     if are_few:
         end = min(latest, until)
-        added.append(bins_of_readings(session, machine_id, since, end, MINUTE_S, above=above))
+        added.append(
+            bins_of_readings(session, machine_id, since, end, MINUTE_S, up_to=newest, above=above)
+        )
     if until > latest:
         start = max(since, latest)
         added.append(bins_of_readings(session, machine_id, start, until, MINUTE_S))

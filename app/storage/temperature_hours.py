@@ -38,11 +38,17 @@ _BINS: Final = {
     ),
 }
 _BY_TIME: Final = "r.machine_id = :machine AND r.time >= :since AND r.time < :until"
+# The numbers are few, where the times might be those of a year. Neither database looks for an
+# expression in an index, and without statistics PostgreSQL takes only a range of both ends for
+# narrow.
 _BY_NUMBER: Final = {
-    "postgresql": f"r.id > :above AND {_BY_TIME}",
-    # With a plus SQLite does not look for times first, which might be those of a year.
+    "postgresql": (
+        "r.id > :above AND r.id <= :up_to AND r.machine_id || '' = :machine "
+        "AND r.time + interval '0' >= :since AND r.time + interval '0' < :until"
+    ),
     "sqlite": (
-        "r.id > :above AND +r.machine_id = :machine AND +r.time >= :since AND +r.time < :until"
+        "r.id > :above AND r.id <= :up_to AND +r.machine_id = :machine "
+        "AND +r.time >= :since AND +r.time < :until"
     ),
 }
 
@@ -64,7 +70,8 @@ def bins_of_readings(
     Parameters
     ----------
     up_to, above
-        Only those with a number up to this one, or above it; of the latter there should be few.
+        Only those with a number up to this one, and above the other; where both are given there
+        should be few between them.
     """
     dialect = session.get_bind().dialect.name
     parameters: dict[str, Any] = {
