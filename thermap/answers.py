@@ -495,6 +495,16 @@ class ComponentFiguresAnswer(Shape):
     zero: Literal["absolute", "first", "removed"] | None
     """What its figures are relative to; see the overall figures"""
 
+    before_max: float | None
+    """Largest size before, on held-out visits where there are any [µm; angular components µrad,
+    squareness µm/m]; null in older results
+    """
+
+    after_max: float | None
+    """Largest size after, on held-out visits where there are any [µm; angular components µrad,
+    squareness µm/m]; null in older results
+    """
+
 
 class Connection(Shape):
     """A connection and how it fares."""

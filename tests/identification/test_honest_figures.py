@@ -177,6 +177,9 @@ def test_report_and_residuals_page_say_the_same_of_the_same_data(datum):
         assert (one["count"], one["zero"], one["unit"]) == (size.count, size.zero, size.unit)
         assert one["before_rms"] == pytest.approx(size.rms, rel=1e-9)
         assert one["before_p95"] == pytest.approx(size.p95, rel=1e-9)
+        channel = report.residuals.rows.channels.index(one["component"])
+        of_channel = report.values[report.residuals.rows.channel == channel]
+        assert one["before_max"] == pytest.approx(np.abs(of_channel).max(), rel=1e-9)
     assert found["before"]["rms_um"] == pytest.approx(report.overall.rms, rel=1e-9)
     assert found["before"]["zero"] == report.overall.zero
 

@@ -33,6 +33,8 @@ def component(name, before, after, unit="µm", **changes):
         "after_rms": after,
         "before_p95": 2 * before,
         "after_p95": 2 * after,
+        "before_max": 3.5 * before,
+        "after_max": 3 * after,
         "holdout_before_rms": before,
         "holdout_after_rms": after,
         "noise": 0.61,

@@ -160,7 +160,8 @@ def test_components_stand_by_unit_with_their_figures():
     table = told.split("Before and after")[1].split("What the model lacks")[0]
     order = [table.index(word) for word in ("[µm]", "EZZ", "points, Y", "[µrad]", "[µm/m]", "SXY")]
     assert order == sorted(order)
-    assert "EZZ D_z(z) 4.10 0.64 0.63 0.61 (declared) ±1.28 240" in table
+    assert "largest before largest after" in table
+    assert "EZZ D_z(z) 4.10 0.64 14.35 1.92 0.63 0.61 (declared) ±1.28 240" in table
     assert "SXY S_xy 7.40† 0.80†" in table
     assert "† All visits, because nothing could be held out" in table
     assert "95 % within, after" in table
@@ -168,7 +169,7 @@ def test_components_stand_by_unit_with_their_figures():
     assert "replicates: " not in table
     assert "replicates: from repeats at the same place" in read(NOTHING).told
     # Nothing stands for a floor that is not known.
-    assert "EBX A_y(x) 1.20 1.20 unknown" in table
+    assert "EBX A_y(x) 1.20 1.20 4.20 3.60 unknown" in table
 
 
 def test_each_unit_is_a_table_whose_head_repeats_it():

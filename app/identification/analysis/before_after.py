@@ -149,6 +149,8 @@ def component_figures(
         name = residuals.rows.channels[number]
         setup = None if held_out is None else held_out.floor.setups
         zero = zero_of(zeros, of_channel)
+        shown = of_channel & ~np.isnan(predicted_left) if held_out else of_channel
+        shown_after = predicted_left if held_out else after
         floor = _floor(replicate_scatter(rows, number, use), setup, zero)
         figures.append(
             ComponentFigures(
@@ -159,12 +161,10 @@ def component_figures(
                 after_rms=rms(after[of_channel]),
                 before_p95=float(np.quantile(np.abs(before[of_channel]), 0.95)),
                 after_p95=float(np.quantile(np.abs(after[of_channel]), 0.95)),
-                holdout_before_rms=rms(before[of_channel & ~np.isnan(predicted_left)])
-                if held_out
-                else None,
-                holdout_after_rms=rms(predicted_left[of_channel & ~np.isnan(predicted_left)])
-                if held_out
-                else None,
+                holdout_before_rms=rms(before[shown]) if held_out else None,
+                holdout_after_rms=rms(shown_after[shown]) if held_out else None,
+                before_max=float(np.abs(before[shown]).max()),
+                after_max=float(np.abs(shown_after[shown]).max()),
                 noise=noise.fitted,
                 noise_origin=noise.origin,
                 floor=floor,

@@ -100,6 +100,21 @@ class ComponentFigures(Answer, published_as="ComponentFiguresAnswer"):
     zero: Zero | None = None
     """What its figures are relative to; see the overall figures"""
 
+    before_max: Annotated[
+        float | None,
+        Field(
+            description="Largest size before, on held-out visits where there are any "
+            f"{IN_ITS_UNIT}; null in older results"
+        ),
+    ] = None
+    after_max: Annotated[
+        float | None,
+        Field(
+            description="Largest size after, on held-out visits where there are any "
+            f"{IN_ITS_UNIT}; null in older results"
+        ),
+    ] = None
+
     @property
     def is_held_out(self) -> bool:
         """Whether there are figures of held-out visits."""
