@@ -15,7 +15,6 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from app.api.schemas.readings import OneOrMoreReadings
-from tests.databases import KINDS, reachable
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -34,23 +33,25 @@ pytestmark = pytest.mark.anyio
 JSON = {"content-type": "application/json"}
 
 
-@pytest.fixture(scope="module", params=KINDS)
-def app(request, databases):
+@pytest.fixture(scope="module")
+def app(databases):
     """One service for all: every test holds that it has changed nothing."""
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), request.param)
+    url = databases.prepared("sqlite", furnish_database)
     with running(url) as service:
         yield service
     databases.give_back(url)
 
 
 @pytest.fixture
+def fresh(new_app, databases):
+    """A service that may change."""
+    return new_app(databases.prepared("sqlite", furnish_database))
+
+
+@pytest.fixture
 async def client(app):
     async with client_of(app) as client:
         yield client
-
-
-on_sqlite = pytest.mark.parametrize("app", ["sqlite"], indirect=True)
-"""For what is refused before any database is asked."""
 
 
 READING = {"time": iso(START), "temperatures_c": {"x-middle": 25.0, "z-column": 27.0}}
@@ -113,6 +114,14 @@ def changed(name, path, value):
     return method, url, written(body)
 
 
+def shared_out(places, values):
+    """Pair each place with two of the values, so that each value comes to some place."""
+    values = list(values)
+    return [
+        (place, values[(2 * i + j) % len(values)]) for i, place in enumerate(places) for j in (0, 1)
+    ]
+
+
 async def refused(app, client, request, status=422, headers=JSON):
     """Send a request and check that it is refused whole; return the problem."""
     method, url, body = request
@@ -124,9 +133,9 @@ async def refused(app, client, request, status=422, headers=JSON):
 
 
 @pytest.mark.parametrize("name", BODIES)
-async def test_the_bodies_are_in_order_until_they_are_changed(new_app, furnished_url, name):
+async def test_the_bodies_are_in_order_until_they_are_changed(fresh, name):
     method, url, body = BODIES[name]
-    async with client_of(new_app(furnished_url)) as client:
+    async with client_of(fresh) as client:
         assert (await client.request(method, url, json=body)).is_success
 
 
@@ -165,11 +174,9 @@ NO_NUMBERS = {
 INSIDE = {"measuring_lines_mm": lambda v: {"x": [0, v, 0]}, "state": lambda v: {"rpm": v}}
 
 
-@on_sqlite
-@pytest.mark.parametrize("value", NO_NUMBERS.values(), ids=NO_NUMBERS)
-@pytest.mark.parametrize(("place", "unit"), NUMBERS, ids=[f"{n} {p[-1]}" for (n, p), _ in NUMBERS])
-async def test_what_is_no_finite_number_is_refused_everywhere(app, client, place, unit, value):
-    name, path = place
+@pytest.mark.parametrize(("number", "value"), shared_out(NUMBERS, NO_NUMBERS.values()), ids=str)
+async def test_what_is_no_finite_number_is_refused_everywhere(app, client, number, value):
+    (name, path), unit = number
     put = INSIDE.get(path[-1], lambda v: v)
     found = await refused(app, client, changed(name, path, put(value)))
     error = found["errors"][0]
@@ -180,7 +187,6 @@ async def test_what_is_no_finite_number_is_refused_everywhere(app, client, place
     assert unit in error["message"]
 
 
-@on_sqlite
 @pytest.mark.parametrize(
     ("place", "field"),
     [
@@ -208,7 +214,6 @@ async def test_null_is_no_value(app, client, place, field):
     assert [e["field"] for e in found["errors"]] == [field]
 
 
-@on_sqlite
 @pytest.mark.parametrize("place", [("model_version",)], ids=str)
 @pytest.mark.parametrize("value", [True, "1", 1.5, [1], Raw("1e400")], ids=str)
 async def test_a_version_is_an_integer(app, client, place, value):
@@ -236,25 +241,26 @@ TIMES = {
 }
 
 
-@on_sqlite
-@pytest.mark.parametrize("time", TIMES.values(), ids=TIMES)
+TIMES_OF = [
+    (("map", ("measured_at",)), "measured_at"),
+    (("reading", ("time",)), "time"),
+    (("readings", (1, "time")), "1.time"),
+    (("predictions", ("observations", 0, "time")), "observations.0.time"),
+]
+
+
 @pytest.mark.parametrize(
-    ("place", "field"),
-    [
-        (("map", ("measured_at",)), "measured_at"),
-        (("reading", ("time",)), "time"),
-        (("readings", (1, "time")), "1.time"),
-        (("predictions", ("observations", 0, "time")), "observations.0.time"),
-    ],
-    ids=["map", "reading", "readings", "prediction"],
+    ("of", "time"),
+    [*shared_out(TIMES_OF, TIMES.values()), *((TIMES_OF[1], time) for time in TIMES.values())],
+    ids=str,
 )
-async def test_a_time_is_iso_8601_with_a_zone(app, client, place, field, time):
+async def test_a_time_is_iso_8601_with_a_zone(app, client, of, time):
+    place, field = of
     found = await refused(app, client, changed(*place, time))
     assert [e["field"] for e in found["errors"]] == [field]
     assert found["errors"][0]["message"].startswith("expected ")
 
 
-@on_sqlite
 @pytest.mark.parametrize("time", ["2026-02-30T06:00:00Z", "2026-03-01T25:00:00Z"])
 async def test_a_time_that_there_never_is_is_told_how_times_are_written(app, client, time):
     found = await refused(app, client, changed("reading", ("time",), time))
@@ -264,17 +270,13 @@ async def test_a_time_that_there_never_is_is_told_how_times_are_written(app, cli
     )
 
 
-@on_sqlite
-@pytest.mark.parametrize("time", TIMES.values(), ids=TIMES)
-async def test_a_time_in_a_query_is_iso_8601_with_a_zone(client, time):
-    for name in ("from", "to"):
-        if time == "":
-            continue
-        found = problem(await client.get(f"{ROOM}/readings", params={name: str(time)}), 422)
-        assert [e["field"] for e in found["errors"]] == [name]
+async def test_a_time_in_a_query_is_iso_8601_with_a_zone(client):
+    for time in filter(None, TIMES.values()):
+        for name in ("from", "to"):
+            found = problem(await client.get(f"{ROOM}/readings", params={name: str(time)}), 422)
+            assert [e["field"] for e in found["errors"]] == [name], time
 
 
-@on_sqlite
 @pytest.mark.parametrize(
     ("query", "field"),
     [
@@ -311,13 +313,19 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), TEXTS.values(), ids=TEXTS)
+NAMES_OF = [
+    *(("machine", ("name",)), ("patch", ("name",))),
+    *(("map", ("label",)), ("map", ("instrument",))),
+]
+
+
 @pytest.mark.parametrize(
-    "place",
-    [("machine", ("name",)), ("patch", ("name",)), ("map", ("label",)), ("map", ("instrument",))],
-    ids=["machine", "patch", "label", "instrument"],
+    ("place", "wrong"),
+    [*shared_out(NAMES_OF, TEXTS.values()), *((NAMES_OF[2], wrong) for wrong in TEXTS.values())],
+    ids=ascii,
 )
-async def test_a_name_is_text_of_1_to_200_characters(app, client, place, text, said):
+async def test_a_name_is_text_of_1_to_200_characters(app, client, place, wrong):
+    text, said = wrong
     found = await refused(app, client, changed(*place, text))
     (error,) = found["errors"]
     # Half a character is no JSON of any field.
@@ -326,7 +334,6 @@ async def test_a_name_is_text_of_1_to_200_characters(app, client, place, text, s
     assert said in error["message"].lower()
 
 
-@on_sqlite
 @pytest.mark.parametrize(
     "machine_id",
     [
@@ -356,7 +363,6 @@ async def test_a_machines_id_is_fit_for_a_url(app, client, machine_id):
     assert [e["field"] for e in found["errors"]] == [field]
 
 
-@on_sqlite
 async def test_what_an_id_may_be_is_said_in_words(app, client):
     (error,) = (await refused(app, client, changed("machine", ("id",), "VMC 3")))["errors"]
     assert error["message"] == (
@@ -417,7 +423,6 @@ async def test_an_unknown_map_is_told_with_those_that_exist(app, client, number)
     assert contents(app) == before
 
 
-@on_sqlite
 @pytest.mark.parametrize("number", ["one", "1.5", "0x1", "1e3", "%00", "True", "9" * 5000])
 @pytest.mark.parametrize("path", ["error-maps", "models"])
 async def test_a_number_in_a_url_is_an_integer(client, path, number):
@@ -475,7 +480,6 @@ COMPONENTS = {
 }
 
 
-@on_sqlite
 @pytest.mark.parametrize(("components", "field", "said"), COMPONENTS.values(), ids=COMPONENTS)
 async def test_a_wrong_component_is_named(app, client, components, field, said):
     found = await refused(app, client, changed("map", ("components",), components))
@@ -484,7 +488,6 @@ async def test_a_wrong_component_is_named(app, client, components, field, said):
     assert said in error["message"]
 
 
-@on_sqlite
 @pytest.mark.parametrize(
     ("temperatures_c", "field", "said"),
     [
@@ -530,7 +533,6 @@ async def test_a_name_that_is_no_text_is_refused(app, client, name, key):
     await refused(app, client, changed(name, inside, value))
 
 
-@on_sqlite
 async def test_an_assignment_with_a_name_around_it_is_told_of_the_name(app, client):
     body = written({"assignment": {"EXX": "spindle"}})
     found = await refused(app, client, ("PUT", f"{ROOM}/sensor-assignment", body))
@@ -539,7 +541,6 @@ async def test_an_assignment_with_a_name_around_it_is_told_of_the_name(app, clie
     assert error["message"].startswith("expected an error component such as EXX")
 
 
-@on_sqlite
 @pytest.mark.parametrize("name", [n for n in BODIES if n != "assignment"])
 async def test_an_unknown_field_is_refused(app, client, name):
     place = (1, "temperature") if name == "readings" else ("temperature",)
@@ -549,7 +550,6 @@ async def test_an_unknown_field_is_refused(app, client, name):
     assert "unknown field" in error["message"]
 
 
-@on_sqlite
 @pytest.mark.parametrize(
     ("change", "field"),
     [
@@ -604,28 +604,25 @@ NO_JSON = {
 }
 
 
-@on_sqlite
-@pytest.mark.parametrize("body", NO_JSON.values(), ids=NO_JSON)
-@pytest.mark.parametrize("name", BODIES)
-async def test_what_is_no_json_of_the_documented_shape_is_refused(app, client, name, body):
-    method, url, _ = BODIES[name]
-    await refused(app, client, (method, url, body))
-
-
-@on_sqlite
 @pytest.mark.parametrize(
-    "header",
-    [
-        {},
-        {"content-type": "text/plain"},
-        {"content-type": "application/x-www-form-urlencoded"},
-        {"content-type": "multipart/form-data; boundary=x"},
-        {"content-type": ""},
-        {"content-type": "application/xml"},
-    ],
-    ids=lambda h: h.get("content-type", "none"),
+    ("name", "kind"), [*shared_out(BODIES, NO_JSON), *(("map", kind) for kind in NO_JSON)]
 )
-@pytest.mark.parametrize("name", BODIES)
+async def test_what_is_no_json_of_the_documented_shape_is_refused(app, client, name, kind):
+    method, url, _ = BODIES[name]
+    await refused(app, client, (method, url, NO_JSON[kind]))
+
+
+OTHER_CONTENT = [
+    {},
+    {"content-type": "text/plain"},
+    {"content-type": "application/x-www-form-urlencoded"},
+    {"content-type": "multipart/form-data; boundary=x"},
+    {"content-type": ""},
+    {"content-type": "application/xml"},
+]
+
+
+@pytest.mark.parametrize(("name", "header"), shared_out(BODIES, OTHER_CONTENT), ids=str)
 async def test_another_content_type_is_refused(app, client, name, header):
     """A browser sends these across origins without asking first."""
     method, url, body = BODIES[name]
@@ -633,7 +630,6 @@ async def test_another_content_type_is_refused(app, client, name, header):
     assert "Content-Type: application/json" in found["detail"]
 
 
-@on_sqlite
 async def test_of_many_errors_the_first_are_listed_and_some_others_counted(app, client):
     many = [READING | {"temperatures_c": {"x-middle": "warm"}} for _ in range(10_000)]
     found = await refused(app, client, ("POST", f"{ROOM}/readings", written(many)))
@@ -641,14 +637,12 @@ async def test_of_many_errors_the_first_are_listed_and_some_others_counted(app, 
     assert re.search(r"and at least \d+ more", found["detail"])
 
 
-@on_sqlite
 async def test_huge_values_are_not_repeated_in_the_answer(app, client):
     body = changed("map", ("label",), ["x" * 1_000_000])
     found = await refused(app, client, body)
     assert len(json.dumps(found)) < 2000
 
 
-@on_sqlite
 @pytest.mark.parametrize("name", ["readings", "data"])
 async def test_a_list_of_readings_with_a_name_around_it_is_told_of_the_list(app, client, name):
     body = written({name: [READING]})
@@ -669,7 +663,6 @@ UNKNOWN_FIELDS = {
 }
 
 
-@on_sqlite
 @pytest.mark.parametrize("name", UNKNOWN_FIELDS)
 async def test_where_a_field_is_unknown_those_that_there_are_are_named(app, client, name):
     method, url, _ = BODIES[name]

@@ -213,7 +213,7 @@ def test_a_small_bias_is_what_the_search_took_for_it():
 
 
 @pytest.mark.parametrize("each", EVERY)
-def test_parameters_have_names_with_units_and_errors(each):
+def test_parameters_have_names_with_units_and_errors_and_are_explained(each):
     effect = fitted(each)
     assert effect.parameters
     units = ("_um", "_urad", "_per_m", "_per_k", "_per_k2", "_per_day", "_min", "_mm", "_deg", "_k")
@@ -223,11 +223,6 @@ def test_parameters_have_names_with_units_and_errors(each):
         assert name.endswith(units) or name in others or "_per_spindle_rpm" in name, name
     assert all(error >= 0 for error in effect.standard_errors.values())
     assert set(effect.standard_errors) <= set(effect.parameters)
-
-
-@pytest.mark.parametrize("each", EVERY)
-def test_explanations_are_plain_sentences(each):
-    effect = fitted(each)
     told = explain(effect)
     assert any(
         thing in told for thing in (*effect.components, effect.components[0].partition("^")[0])
@@ -236,15 +231,11 @@ def test_explanations_are_plain_sentences(each):
     assert "{" not in told
     assert "nan" not in told
     assert "\n" not in told
-
-
-@pytest.mark.parametrize("each", EVERY)
-def test_an_explanation_says_where_its_number_holds_if_the_effect_changes_along_the_axis(each):
-    effect = fitted(each)
+    # It says where its number holds if the effect changes along the axis.
     if any(isinstance(term.shape, Rising) for term in effect.terms):
-        assert " mm, " in explain(effect) or "at the upper end of travel" in explain(effect)
+        assert " mm, " in told or "at the upper end of travel" in told
     else:
-        assert " mm, " not in explain(effect)
+        assert " mm, " not in told
 
 
 def test_every_pair_of_kinds_has_a_separating_measurement():

@@ -114,27 +114,21 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("chain", PRINTED)
-@pytest.mark.parametrize("component", RIGID, ids=lambda c: c.code)
-def test_each_term_is_the_printed_one(chain, component):
+def test_each_term_is_the_printed_one_and_that_of_the_tool_offset(chain):
     """One component at a time, so that no term can make up for another."""
-    d, a = chapter_errors(np.random.default_rng(0), size=0.0)
-    into, u = (a if component.is_rotation else d), component.axis
-    into["xyzabc".index(component.direction) % 3, u] = 12.0
-    expected = PRINTED[chain](d, a, *np.array(POINT) / MM)
-    found, _ = error_at(chain, {component.code: 12.0}, POINT)
-    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
-
-
-@pytest.mark.parametrize("chain", PRINTED)
-@pytest.mark.parametrize("component", RIGID, ids=lambda c: c.code)
-def test_each_term_of_the_tool_offset_is_the_printed_one_in_every_chain(chain, component):
-    _, a = chapter_errors(np.random.default_rng(0), size=0.0)
-    if component.is_rotation:
-        a["abc".index(component.direction), component.axis] = 12.0
-    with_tool, _ = error_at(chain, {component.code: 12.0}, POINT, TOOL)
-    without, _ = error_at(chain, {component.code: 12.0}, POINT)
-    expected = printed_tool_offset(a, *np.array(TOOL) / MM)
-    np.testing.assert_allclose(with_tool - without, expected, rtol=1e-12, atol=1e-13)
+    for component in RIGID:
+        d, a = chapter_errors(np.random.default_rng(0), size=0.0)
+        into, u = (a if component.is_rotation else d), component.axis
+        into["xyzabc".index(component.direction) % 3, u] = 12.0
+        expected = PRINTED[chain](d, a, *np.array(POINT) / MM)
+        without, _ = error_at(chain, {component.code: 12.0}, POINT)
+        code = component.code
+        np.testing.assert_allclose(without, expected, rtol=1e-14, atol=1e-14, err_msg=code)
+        with_tool, _ = error_at(chain, {component.code: 12.0}, POINT, TOOL)
+        of_tool = printed_tool_offset(a, *np.array(TOOL) / MM)
+        np.testing.assert_allclose(
+            with_tool - without, of_tool, rtol=1e-12, atol=1e-13, err_msg=code
+        )
 
 
 @pytest.mark.parametrize("chain", PRINTED)
@@ -236,15 +230,15 @@ def test_squareness_adds_as_8_58_to_8_60_do_in_every_chain():
 
 
 @pytest.mark.parametrize("chain", PRINTED)
-@pytest.mark.parametrize("component", SLOPES, ids=lambda c: c.code)
-def test_a_slope_is_the_parent_grown_with_the_other_coordinate(chain, component):
+def test_a_slope_is_the_parent_grown_with_the_other_coordinate(chain):
     """8.1-8.18: D_x^y(x) y takes the place of D_x(x), and for rotations with their arms."""
-    other_m = POINT["xyz".index(component.times)] / MM
-    by_slope = error_at(chain, {component.code: 12.0}, POINT, TOOL)
-    parent = component.code.partition("^")[0]
-    by_parent = error_at(chain, {parent: 12.0 * other_m}, POINT, TOOL)
-    np.testing.assert_allclose(by_slope, by_parent, rtol=1e-13)
-    assert np.abs(by_slope[0]).max() > 0.05
+    for component in SLOPES:
+        other_m = POINT["xyz".index(component.times)] / MM
+        by_slope = error_at(chain, {component.code: 12.0}, POINT, TOOL)
+        parent = component.code.partition("^")[0]
+        by_parent = error_at(chain, {parent: 12.0 * other_m}, POINT, TOOL)
+        np.testing.assert_allclose(by_slope, by_parent, rtol=1e-13, err_msg=component.code)
+        assert np.abs(by_slope[0]).max() > 0.05, component.code
 
 
 def test_the_gantrys_slopes_by_hand():
@@ -268,15 +262,16 @@ SEEN_BY_THE_DIAGONAL = {
 
 
 @pytest.mark.parametrize("chain", SEEN_BY_THE_DIAGONAL)
-@pytest.mark.parametrize("component", [c for c in RIGID if c.is_rotation], ids=lambda c: c.code)
-def test_the_body_diagonal_sees_the_rotations_that_the_chapter_lists(chain, component):
+def test_the_body_diagonal_sees_the_rotations_that_the_chapter_lists(chain):
     corner = dict(zip("abc", POINT, strict=True))
     length = np.linalg.norm(POINT)
-    found, _ = error_at(chain, {component.code: 12.0}, POINT)
-    term = SEEN_BY_THE_DIAGONAL[chain].get(component.code)
-    arm = 0.0 if term is None else corner[term[1]] * corner[term[2]] / length
-    sign = -1.0 if term and term[0] == "-" else 1.0
-    assert found @ np.array(POINT) / length == pytest.approx(sign * 12.0 * arm / MM, abs=1e-12)
+    for component in (c for c in RIGID if c.is_rotation):
+        found, _ = error_at(chain, {component.code: 12.0}, POINT)
+        term = SEEN_BY_THE_DIAGONAL[chain].get(component.code)
+        arm = 0.0 if term is None else corner[term[1]] * corner[term[2]] / length
+        sign = -1.0 if term and term[0] == "-" else 1.0
+        seen = found @ np.array(POINT) / length
+        assert seen == pytest.approx(sign * 12.0 * arm / MM, abs=1e-12), component.code
 
 
 def measured_along(chain, errors, axis, line):

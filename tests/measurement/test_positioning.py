@@ -201,7 +201,7 @@ def test_the_stated_covariance_is_the_scatter_of_the_means(shift, slope):
     The truth is (shift² + slope² x_i x_j + noise² on the diagonal)/n.
     """
     rng = np.random.default_rng(1)
-    found = [averaged(simulated_runs(rng, shift=shift, slope=slope)) for _ in range(3000)]
+    found = [averaged(simulated_runs(rng, shift=shift, slope=slope)) for _ in range(1000)]
     empirical = np.cov(np.array([f.mean for f in found]).T)
     stated = np.mean([f.covariance for f in found], axis=0)
     common = shift**2 + slope**2 * np.outer(ALONG, ALONG)
@@ -219,7 +219,7 @@ def test_where_positions_differ_each_has_its_own_standard_error():
     """Noise from 0.3 to 8 µm: the stated standard errors follow it, position by position."""
     rng = np.random.default_rng(2)
     noise = np.array([0.3, 0.5, 1.0, 2.0, 4.0, 8.0])
-    found = [averaged(simulated_runs(rng, noise, shift=0.0)) for _ in range(1500)]
+    found = [averaged(simulated_runs(rng, noise, shift=0.0)) for _ in range(600)]
     empirical = np.std([f.mean for f in found], axis=0, ddof=1)
     stated = np.sqrt(np.mean([np.diagonal(f.covariance) for f in found], axis=0))
     np.testing.assert_allclose(stated / empirical, 1.0, atol=0.12)
@@ -229,7 +229,7 @@ def test_where_positions_differ_each_has_its_own_standard_error():
 def test_equal_positions_are_pooled_and_pooling_is_the_more_certain():
     """s of five readings varies by 35 %; beside a line of each run that of thirty by half."""
     rng = np.random.default_rng(3)
-    found = [averaged(simulated_runs(rng, shift=0.0)) for _ in range(1000)]
+    found = [averaged(simulated_runs(rng, shift=0.0)) for _ in range(400)]
     own = [f.standard_deviation[0] for f in found]
     assert np.std(own) / np.mean(own) == pytest.approx(0.36, abs=0.04)
     for i in (0, 2):
