@@ -63,7 +63,7 @@ API_ON_POSTGRESQL = {
 } | {"test_large_numbers.py"}
 """What asks the database something of its own; the other tests read the same rows."""
 
-EACH_CASE_ON_POSTGRESQL = {"test_large_numbers.py", "test_foreign_text.py", "test_migrations.py"}
+EACH_CASE_ON_POSTGRESQL = {"test_foreign_text.py", "test_migrations.py"}
 SQLITE_ALONE = {
     *("test_languages.py", "test_reader.py", "test_adopted_effects.py", "test_cli_serve.py"),
 }

@@ -143,20 +143,6 @@ def test_every_step_up_can_be_taken_down_and_up_again(empty):
     assert schema(empty) == up[-1]
 
 
-def test_closing_the_loop_leaves_what_was_stored_before(furnished_url, new_app):
-    """Down past its tables and up again: machines, maps and models are as they were."""
-    service = new_app(furnished_url)
-    before = contents(service)
-    database = service.state.context.database
-    later = {"verification", "analysis", "watch", "withdrawn_reading"}
-    later |= {"access_key", "browser_session", "event", "connection_report", "receiver"}
-    later |= {"temperature_hour", "temperature_hours_done"}
-    run(database, command.downgrade, "5d0c1f7a92e4")
-    assert tables(database) == TABLES - later | {"alembic_version"}
-    assert upgrade(database).now == REVISIONS[-1]
-    assert contents(service) == before | {"event": []}
-
-
 def test_what_is_stored_survives_an_upgrade_that_finds_nothing_to_do(furnished_url, new_app):
     first = new_app(furnished_url)
     before = contents(first)

@@ -1,6 +1,7 @@
 """Numbers that no database takes are refused wherever a request may state one."""
 
 import json
+import re
 import typing
 
 import pytest
@@ -109,14 +110,14 @@ def bodies():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "path", "schema"), list(bodies()))
-async def test_of_bodies(client, method, path, schema):
-    for name in ("map_id", "version", "verification_id", "analysis_id"):
-        path = path.replace(f"{{{name}}}", "1")
-    path = path.replace("{machine}", "mcfv5050").replace("{controller}", "linuxcnc")
-    example = example_of(schema)
-    for number in TOO_LARGE:
-        for changed in with_each_number(example, number):
-            body = json.dumps(changed)
-            answer = await client.request(method, path, content=body, headers=JSON)
-            assert answer.status_code < 500, (body[:500], answer.text)
+async def test_of_bodies(client):
+    named = {"{machine}": "mcfv5050", "{controller}": "linuxcnc"}
+    routes = list(bodies())
+    assert len(routes) > 20
+    for method, path, schema in routes:
+        there = re.sub(r"\{\w+\}", lambda part: named.get(part[0], "1"), path)
+        for number in TOO_LARGE:
+            for changed in with_each_number(example_of(schema), number):
+                body = json.dumps(changed)
+                answer = await client.request(method, there, content=body, headers=JSON)
+                assert answer.status_code < 500, (method, path, body[:500], answer.text)

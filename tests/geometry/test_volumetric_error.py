@@ -114,7 +114,7 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("chain", PRINTED)
-def test_each_term_is_the_printed_one_and_that_of_the_tool_offset(chain):
+def test_each_term_is_the_printed_one(chain):
     """One component at a time, so that no term can make up for another."""
     for component in RIGID:
         d, a = chapter_errors(np.random.default_rng(0), size=0.0)
