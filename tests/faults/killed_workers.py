@@ -31,10 +31,6 @@ from tests.faults.soak.run import errors_in
 from tests.faults.writers import Lost, client_of
 
 WORKERS = 2
-MACHINES = 5
-ASKED_AHEAD = 3
-"""So many analyses of each machine wait or run at any time."""
-
 MOST_TAKES = 3
 """What was begun so often, and lost its process each time, fails (docs/fleet.md)."""
 
@@ -90,6 +86,8 @@ def kill_workers(
     folder: Path,
     times: int,
     *,
+    machine_count: int = 5,
+    asked_ahead: int = 3,
     seed: int = 1,
     say: Callable[[str], None] = lambda words: None,
 ) -> Killed:
@@ -101,6 +99,8 @@ def kill_workers(
         An empty database on PostgreSQL.
     folder
         Where workers' logs are written.
+    asked_ahead
+        So many analyses of each machine wait or run at any time.
     say
         Told how far it is.
 
@@ -120,12 +120,13 @@ def kill_workers(
         ):
             connection.execute(NOTES)
             machines = [
-                _furnish(client, ReversingMachine(f"reverses-{i}", chance)) for i in range(MACHINES)
+                _furnish(client, ReversingMachine(f"reverses-{i}", chance))
+                for i in range(machine_count)
             ]
             expected, longest_s = _in_calm(client, database_url, log, machines)
             say(f"undisturbed, three analyses are done {longest_s:.1f} s after workers are begun")
             kills = _Kills(database_url, log, times, longest_s, say)
-            asked = _ask_while(kills, client, machines, seed)
+            asked = _ask_while(kills, client, machines, asked_ahead, seed)
             with _workers(database_url, log):
                 _wait_for_all(client, machines)
                 _expect_empty_queue(connection)
@@ -330,7 +331,11 @@ def _expect_gone(analyses: Iterable[int]) -> None:
 
 
 def _ask_while(
-    kills: _Kills, client: httpx.Client, machines: Sequence[_Furnished], seed: int
+    kills: _Kills,
+    client: httpx.Client,
+    machines: Sequence[_Furnished],
+    asked_ahead: int,
+    seed: int,
 ) -> dict[int, _Furnished]:
     """Ask for analyses of all machines until the kills are over; whose each number is."""
     asked: dict[int, _Furnished] = {}
@@ -339,7 +344,7 @@ def _ask_while(
         try:
             while not kills.are_over.is_set():
                 for of in machines:
-                    for _ in range(ASKED_AHEAD - len(_unfinished(client, of))):
+                    for _ in range(asked_ahead - len(_unfinished(client, of))):
                         asked[_ask(client, of)] = of
                 kills.are_over.wait(0.5)
         finally:

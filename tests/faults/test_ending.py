@@ -18,9 +18,8 @@ from tests.faults.writers import Lost, Writers, expect_all, make_machine
     ("kind", "number", "times"),
     [
         ("sqlite", signal.SIGKILL, 2),
-        ("postgresql", signal.SIGKILL, 2),
+        ("postgresql", signal.SIGKILL, 1),
         ("sqlite", signal.SIGTERM, 1),
-        ("postgresql", signal.SIGTERM, 1),
     ],
 )
 def test_what_was_answered_survives_the_end(databases, kind, number, times):
