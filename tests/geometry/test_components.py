@@ -71,39 +71,39 @@ def test_codes_are_the_keys_and_the_order_is_the_tables():
     assert sorted(COMPONENTS, key=ORDER.__getitem__) == list(COMPONENTS)
 
 
-@pytest.mark.parametrize(("chapter", "code"), [*RIGID_BODY.items(), *SLOPES.items()])
-def test_the_chapters_name_and_the_iso_code_name_the_same(chapter, code):
-    assert COMPONENTS[code].chapter == chapter
-    for spelling in (chapter, chapter.replace("_", ""), chapter.upper(), f" {chapter} ", code):
-        assert parse_component(spelling) == (COMPONENTS[code], 1)
-    assert parse_component(code.lower()) == (COMPONENTS[code], 1)
+def test_the_chapters_name_and_the_iso_code_name_the_same():
+    for chapter, code in [*RIGID_BODY.items(), *SLOPES.items()]:
+        assert COMPONENTS[code].chapter == chapter
+        for spelling in (chapter, chapter.replace("_", ""), chapter.upper(), f" {chapter} ", code):
+            assert parse_component(spelling) == (COMPONENTS[code], 1)
+        assert parse_component(code.lower()) == (COMPONENTS[code], 1)
 
 
-@pytest.mark.parametrize("code", ROTARY)
-def test_rotary_axis_locations_have_a_code_and_no_name_in_the_chapter(code):
-    assert parse_component(code) == (COMPONENTS[code], 1)
-    assert COMPONENTS[code].chapter == ""
-    assert COMPONENTS[code].unit == ("urad" if code[0] in "ABC" else "um")
+def test_rotary_axis_locations_have_a_code_and_no_name_in_the_chapter():
+    for code in ROTARY:
+        assert parse_component(code) == (COMPONENTS[code], 1)
+        assert COMPONENTS[code].chapter == ""
+        assert COMPONENTS[code].unit == ("urad" if code[0] in "ABC" else "um")
 
 
-@pytest.mark.parametrize("code", [c for c in RIGID_BODY.values() if c[0] == "E"])
-def test_a_code_reads_direction_then_axis_of_motion(code):
-    component = COMPONENTS[code]
-    assert component.direction.upper() == code[1]
-    assert component.axis is not None
-    assert component.axis.upper() == code[2]
-    assert component.unit == ("urad" if code[1] in "ABC" else "um")
-    assert component.is_rotation is (code[1] in "ABC")
+def test_a_code_reads_direction_then_axis_of_motion():
+    for code in [c for c in RIGID_BODY.values() if c[0] == "E"]:
+        component = COMPONENTS[code]
+        assert component.direction.upper() == code[1]
+        assert component.axis is not None
+        assert component.axis.upper() == code[2]
+        assert component.unit == ("urad" if code[1] in "ABC" else "um")
+        assert component.is_rotation is (code[1] in "ABC")
 
 
-@pytest.mark.parametrize("code", SLOPES.values())
-def test_a_slope_is_its_parent_per_metre_of_another_coordinate(code):
-    parent, slope = COMPONENTS[code.partition("^")[0]], COMPONENTS[code]
-    assert (slope.axis, slope.direction) == (parent.axis, parent.direction)
-    assert slope.times == code[-1]
-    assert slope.times != slope.axis
-    assert slope.unit == f"{parent.unit}_per_m"
-    assert slope.default_sensor == parent.default_sensor
+def test_a_slope_is_its_parent_per_metre_of_another_coordinate():
+    for code in SLOPES.values():
+        parent, slope = COMPONENTS[code.partition("^")[0]], COMPONENTS[code]
+        assert (slope.axis, slope.direction) == (parent.axis, parent.direction)
+        assert slope.times == code[-1]
+        assert slope.times != slope.axis
+        assert slope.unit == f"{parent.unit}_per_m"
+        assert slope.default_sensor == parent.default_sensor
 
 
 @pytest.mark.parametrize(
@@ -133,14 +133,14 @@ def test_iso_names_of_squareness_are_read_with_and_without_e_and_with_their_sign
     assert parse_component("EB0Z") == (COMPONENTS["SZX"], 1)
 
 
-@pytest.mark.parametrize("code", FOLLOWS_X_MIDDLE)
-def test_the_chapter_lets_them_follow_x_middle(code):
-    assert COMPONENTS[code].default_sensor == "x-middle"
+def test_the_chapter_lets_them_follow_x_middle():
+    for code in FOLLOWS_X_MIDDLE:
+        assert COMPONENTS[code].default_sensor == "x-middle"
 
 
-@pytest.mark.parametrize("code", FOLLOWS_Z_COLUMN)
-def test_the_chapter_lets_them_follow_z_column(code):
-    assert COMPONENTS[code].default_sensor == "z-column"
+def test_the_chapter_lets_them_follow_z_column():
+    for code in FOLLOWS_Z_COLUMN:
+        assert COMPONENTS[code].default_sensor == "z-column"
 
 
 @pytest.mark.parametrize("axis", "XYZ")
@@ -171,9 +171,9 @@ def test_fields_end_in_the_unit_as_the_http_contract_has_them(code, given, answe
     assert component.compensation_field == compensation
 
 
-@pytest.mark.parametrize("code", ROTARY)
-def test_rotary_axis_locations_are_read_with_isos_zero_too(code):
-    assert parse_component(code.replace("O", "0")) == (COMPONENTS[code], 1)
+def test_rotary_axis_locations_are_read_with_isos_zero_too():
+    for code in ROTARY:
+        assert parse_component(code.replace("O", "0")) == (COMPONENTS[code], 1)
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,12 @@ def test_a_line_ends_where_an_editor_ends_it(end):
     assert [row.cells for row in table.rows] == [[f"left{end}right", "1"]]
 
 
-@pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("end", ENDS_OF_LINES_FOR_PYTHON_ALONE)
-def test_a_controller_s_file_with_such_a_character_is_refused(name, end):
-    options = FORMATS[name].options.model_construct(sign="error", counts_per_mm=1000.0)
-    with pytest.raises(InvalidContent):
-        FORMATS[name].parse([ControllerFile("x.comp", f"{end}\nX EXX\n0 0\n")], options)
+def test_a_controller_s_file_with_such_a_character_is_refused():
+    for end in ENDS_OF_LINES_FOR_PYTHON_ALONE:
+        for name in FORMATS:
+            options = FORMATS[name].options.model_construct(sign="error", counts_per_mm=1000.0)
+            with pytest.raises(InvalidContent):
+                FORMATS[name].parse([ControllerFile("x.comp", f"{end}\nX EXX\n0 0\n")], options)
 
 
 def refusal_of(text):

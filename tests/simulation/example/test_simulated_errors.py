@@ -67,10 +67,10 @@ def test_straightness_has_the_chapters_extremes(code, cold_um, hot_um):
     assert all(np.diff(extremes) * np.sign(hot_um - cold_um) > 0)
 
 
-@pytest.mark.parametrize("code", STRAIGHTNESS)
-def test_straightness_is_zero_at_both_ends(code):
-    for errors in TRUTH:
-        assert errors[code][[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-12)
+def test_straightness_is_zero_at_both_ends():
+    for code in STRAIGHTNESS:
+        for errors in TRUTH:
+            assert errors[code][[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -87,12 +87,12 @@ def test_rotations_are_of_the_size_common_on_machining_centres(codes, least_urad
         assert least_urad <= extremes[0] < extremes[-1] <= most_urad
 
 
-@pytest.mark.parametrize("code", ANGULAR)
-def test_rotations_count_from_the_start_and_turn_smoothly(code):
-    for errors in TRUTH:
-        assert errors[code][0] == 0.0
-        # No step between two positions is more than an eighth of the whole.
-        assert np.abs(np.diff(errors[code])).max() < abs(extreme(errors[code])) / 8.0
+def test_rotations_count_from_the_start_and_turn_smoothly():
+    for code in ANGULAR:
+        for errors in TRUTH:
+            assert errors[code][0] == 0.0
+            # No step between two positions is more than an eighth of the whole.
+            assert np.abs(np.diff(errors[code])).max() < abs(extreme(errors[code])) / 8.0
 
 
 def test_rotations_have_mixed_signs():
@@ -100,10 +100,10 @@ def test_rotations_have_mixed_signs():
         assert {np.sign(extreme(TRUTH[0][f"E{turn}{axis}"])) for turn in "ABC"} == {-1.0, 1.0}
 
 
-@pytest.mark.parametrize("code", CODES)
-def test_every_error_moves_one_way_as_the_machine_warms_up(code):
-    steps = np.diff(most_changing(code, TRUTH))
-    assert np.all(steps > 0) or np.all(steps < 0)
+def test_every_error_moves_one_way_as_the_machine_warms_up():
+    for code in CODES:
+        steps = np.diff(most_changing(code, TRUTH))
+        assert np.all(steps > 0) or np.all(steps < 0)
 
 
 @pytest.mark.parametrize("code", ["EXX", "EYY", "EZZ"])
@@ -123,31 +123,26 @@ def test_large_temperature_changes_change_straightness_little_and_the_rest_much(
     assert least_of_the_large > 4.0 * np.median([change(c) for c in STRAIGHTNESS])
 
 
-@pytest.mark.parametrize("code", LARGE)
-def test_the_change_is_not_linear_in_temperature(code):
-    # 8.2.9: "the maximum errors between Run #6 and Run #1 were not linear".
-    noise = REPEATABILITY_UM if COMPONENTS[code].is_table else 2.0 * REPEATABILITY_UM
-    assert deviation_from_line(code) > 4.0 * noise
+def test_the_change_is_not_linear_in_temperature():
+    for code in LARGE:
+        # 8.2.9: "the maximum errors between Run #6 and Run #1 were not linear".
+        noise = REPEATABILITY_UM if COMPONENTS[code].is_table else 2.0 * REPEATABILITY_UM
+        assert deviation_from_line(code) > 4.0 * noise
 
 
-@pytest.mark.parametrize("code", ANGULAR)
-def test_the_change_of_rotations_is_not_linear_either(code):
-    # Without settling, only the spindle's share would bend it: 0.4 % of the change.
-    assert deviation_from_line(code) > 0.03 * change(code)
+def test_the_change_of_rotations_is_not_linear_either():
+    for code in ANGULAR:
+        # Without settling, only the spindle's share would bend it: 0.4 % of the change.
+        assert deviation_from_line(code) > 0.03 * change(code)
 
 
-@pytest.mark.parametrize("code", CODES)
-def test_each_error_correlates_best_with_its_sensor_over_the_runs(code):
-    r = correlations(code, TRUTH, [run_temperatures(n) for n in RUNS])
-    assert max(r, key=r.get) == COMPONENTS[code].default_sensor
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("code", CODES)
-def test_each_error_correlates_best_with_its_sensor_over_the_live_cycle(code):
-    temperatures = [temperatures_at(t) for t in np.arange(0.0, PERIOD_S, 5.0)]
-    r = correlations(code, [true_errors(t) for t in temperatures], temperatures)
-    assert max(r, key=r.get) == COMPONENTS[code].default_sensor
+def test_each_error_correlates_best_with_its_sensor_over_the_runs_and_the_live_cycle():
+    of_runs = [run_temperatures(n) for n in RUNS]
+    live = [temperatures_at(t) for t in np.arange(0.0, PERIOD_S, 5.0)]
+    for errors, temperatures in ((TRUTH, of_runs), ([true_errors(t) for t in live], live)):
+        for code in CODES:
+            r = correlations(code, errors, temperatures)
+            assert max(r, key=r.get) == COMPONENTS[code].default_sensor, code
 
 
 def test_errors_are_smooth_beyond_the_runs():
