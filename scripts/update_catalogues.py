@@ -24,6 +24,7 @@ PLACES = (
     "status/**",
     "pages/**",
     "api/error_responses",
+    "api/methods/**",
     "api/routes/login",
 )
 

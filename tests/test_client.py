@@ -47,8 +47,7 @@ from thermap import (
     loop_calls,
 )
 from thermap.answers import (
-    ErrorMapAnswer,
-    PreviewAnswer,
+    PositioningAnswer,
     ReadingSchema,
     StoredVerificationAnswer,
     VerificationPreview,
@@ -380,11 +379,13 @@ async def test_files_are_recognised(client, tmp_path):
     beside = {"temperatures_c": temperatures(40.0), "axis": "x", "method": "positioning"}
     beside |= {"measured_at": START - timedelta(hours=1), "label": "hot"}
     look = await client.import_file("mcfv5050", readings, preview=True, **beside)
-    assert isinstance(look, PreviewAnswer)
+    assert isinstance(look, PositioningAnswer)
+    assert (look.label, look.stored, look.preview.activated) == ("hot", False, True)
     assert len(await client.error_maps("mcfv5050")) == 3
     made = await client.import_file("mcfv5050", readings, accept_losses=True, **beside)
-    assert isinstance(made, ErrorMapAnswer)
-    assert (made.label, made.activated, list(made)) == ("hot", True, ["EXX"])
+    assert (made.label, made.activated) == ("hot", True)
+    assert [entry.component for entry in made.components] == ["EXX"]
+    assert "A_um" in made.figures or made.figures
     with pytest.raises(InvalidContentError, match=r"night\.csv holds check measurements"):
         await client.import_file("mcfv5050", check, label="mine")
 

@@ -1233,57 +1233,6 @@ class MachineStateAnswer(Shape):
     """From the beginning of a round to the next [min]; null for one round"""
 
 
-class MeasuredObservation(Shape):
-    """
-    What an instrument read once: of one component, or at a point of the work volume.
-
-    `measured_um`, which may also be called `measured` as residuals have it, takes the value in
-    the component's own unit, as predictions give it; the fields that name another unit say the
-    same more exactly.
-    """
-
-    time: AwareDatetime
-    """When, with a zone"""
-
-    component: str | None = None
-    """Component"""
-
-    position_mm: float | None = None
-    """Position on its axis [mm]"""
-
-    direction: Literal["+", "-"] | dict[Literal["x", "y", "z"], Literal["+", "-"]] | None = None
-    """Direction of approach, or of each axis at a point; the mean of both where it is not stated
-    """
-
-    point_mm: list[float] | None = None
-    """Nominal point x, y, z [mm]"""
-
-    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
-    """Tool offset X, Y, Z [mm]"""
-
-    state: dict[str, float] = {}
-    """Any numbers that the shop knows of the machine's state"""
-
-    setup: str | None = None
-    """Set-up within the verification, any text: observations with one share its zero and its tilt;
-    without any the verification is one set-up
-    """
-
-    measured_um: float | list[float] | None = None
-    """Measured error, actual minus nominal [µm; angular errors µrad, squareness µm/m]; three
-    numbers x, y, z at a point
-    """
-
-    measured_urad: float | None = None
-    """Measured angular error [µrad]"""
-
-    measured_um_per_m: float | None = None
-    """Measured squareness or slope [µm/m]"""
-
-    measured_urad_per_m: float | None = None
-    """Measured slope of an angular error [µrad/m]"""
-
-
 class MeasuringLineSchema(Shape):
     """A measuring line on which a tool offset stood."""
 
@@ -1482,6 +1431,37 @@ class PathErrorsAnswer(Shape):
     """
 
 
+class PlannedObservation(Shape):
+    """What is to be measured: of one component, or at a point of the work volume."""
+
+    time: AwareDatetime
+    """When, with a zone"""
+
+    component: str | None = None
+    """Component"""
+
+    position_mm: float | None = None
+    """Position on its axis [mm]"""
+
+    direction: Literal["+", "-"] | dict[Literal["x", "y", "z"], Literal["+", "-"]] | None = None
+    """Direction of approach, or of each axis at a point; the mean of both where it is not stated
+    """
+
+    point_mm: list[float] | None = None
+    """Nominal point x, y, z [mm]"""
+
+    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
+    """Tool offset X, Y, Z [mm]"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
+    setup: str | None = None
+    """Set-up within the verification, any text: observations with one share its zero and its tilt;
+    without any the verification is one set-up
+    """
+
+
 class PlannedPlaceAnswer(Shape):
     """One observation to be made, in the form that planning takes."""
 
@@ -1527,6 +1507,24 @@ class PlannedRivalAnswer(Shape):
 
     separating_measurement: str | None
     """What would tell them apart"""
+
+
+class PlannedVerification(Shape):
+    """Observations that are to be taken with one set-up."""
+
+    label: str = "planned"
+    """Its name in the answer"""
+
+    datum: Literal["absolute", "first", "free"] = "absolute"
+    """`absolute`, `first` or `free`"""
+
+    repeatability_um: float | None = None
+    """Standard deviation of one length [µm], where it is known; it does not apply to angles and
+    squareness
+    """
+
+    observations: list[PlannedObservation]
+    """What is to be measured"""
 
 
 class PlannedVisitAnswer(Shape):
@@ -2351,6 +2349,9 @@ class VerificationPreview(Shape):
     warnings: list[str]
     """What of it was not read, or may be a mistake"""
 
+    read: list[str]
+    """What was read of the file, in lines of text"""
+
 
 class VisitMeans(Shape):
     """Means by visit of one component: arrays of equal length."""
@@ -2385,6 +2386,16 @@ class VisitMeans(Shape):
     """Expected standard deviation of each mean, from repeatability, set-up scatter and the maps'
     own uncertainty [µm; …], in `unit`; empty in older results
     """
+
+
+class VisitPreview(Shape):
+    """A visit that is yet to be made, read from a file."""
+
+    planned: PlannedVerification
+    """As it may be planned with"""
+
+    warnings: list[str]
+    """What of the file was not read, or may be a mistake"""
 
 
 class WaitingMapAnswer(Shape):
@@ -2431,13 +2442,6 @@ class WatchAnswer(Shape):
 
     verifications: list[JudgedVerification]
     """What was judged, oldest first"""
-
-
-class WholeVerificationAnswer(VerificationAnswer):
-    """A stored verification with its observations, in the order in which they came."""
-
-    observations: list[MeasuredObservation]
-    """What was measured"""
 
 
 class WithdrawnReadingAnswer(ReadingSchema):
@@ -3377,6 +3381,30 @@ class MachineStatus(Shape):
     """Every sensor now, those that components are assigned to first"""
 
 
+class MeasuredObservation(PlannedObservation):
+    """
+    What an instrument read once: of one component, or at a point of the work volume.
+
+    `measured_um`, which may also be called `measured` as residuals have it, takes the value in
+    the component's own unit, as predictions give it; the fields that name another unit say the
+    same more exactly.
+    """
+
+    measured_um: float | list[float] | None = None
+    """Measured error, actual minus nominal [µm; angular errors µrad, squareness µm/m]; three
+    numbers x, y, z at a point
+    """
+
+    measured_urad: float | None = None
+    """Measured angular error [µrad]"""
+
+    measured_um_per_m: float | None = None
+    """Measured squareness or slope [µm/m]"""
+
+    measured_urad_per_m: float | None = None
+    """Measured slope of an angular error [µrad/m]"""
+
+
 class ModelAnswer(Shape):
     """
     One immutable version of a machine's model: its maps, its assignment and its effects.
@@ -3784,6 +3812,13 @@ class WaitingAssignmentAnswer(Shape):
     """Component to sensor, in the waiting version"""
 
 
+class WholeVerificationAnswer(VerificationAnswer):
+    """A stored verification with its observations, in the order in which they came."""
+
+    observations: list[MeasuredObservation]
+    """What was measured"""
+
+
 class AnalysisResult(Shape):
     """What an analysis found; `plots` are the arrays of its report."""
 
@@ -4158,6 +4193,19 @@ class FleetAnswer(Shape):
     """Whether more will be said unasked: an analysis waits or runs, or trials are left"""
 
 
+class MapPreview(PreviewAnswer):
+    """What was read as a map, and what storing it would do to the tables; nothing is stored."""
+
+    label: str
+    """The map's name"""
+
+    components: list[str]
+    """Codes of its components"""
+
+    read: list[str]
+    """What was read of the file, in lines of text"""
+
+
 class MeasurementAnswer(Components):
     """What a measurement yields."""
 
@@ -4190,11 +4238,17 @@ class MeasurementAnswer(Components):
     method: str
     """How it was measured"""
 
+    label: str | None = None
+    """The name of its map, where one was stated"""
+
     stored: bool
     """Whether an error map was made of it"""
 
     map_id: int | None
     """That map's number"""
+
+    is_new: bool = False
+    """False where the same map was there already, or none"""
 
     components: list[ComponentAnswer]
     """The components with their standard errors"""
@@ -4209,6 +4263,9 @@ class MeasurementAnswer(Components):
 
     measuring_lines_mm: dict[str, list[float] | MeasuringLineSchema]
     """Axis to the line along which its translations count as measured [mm]"""
+
+    warnings: list[str] = []
+    """What of its file was not read; left out without one"""
 
     preview: PreviewAnswer | None = None
     """What storing it would do to the tables, where a preview was asked for"""

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 from urllib.parse import quote
 
@@ -21,6 +20,7 @@ from thermap.answers import (
     AccessKey,
     AccuracyAnswer,
     AnswerHead,
+    BodyDiagonalAnswer,
     ChangedModelAnswer,
     CompareAnswer,
     CompensationAnswer,
@@ -28,6 +28,7 @@ from thermap.answers import (
     ControllersAnswer,
     CorrelationAnswer,
     CurrentCompensationAnswer,
+    DrilledPlateAnswer,
     ErrorMapAnswer,
     Events,
     ExportAnswer,
@@ -37,12 +38,16 @@ from thermap.answers import (
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
+    MachinedPartAnswer,
     MachineStatus,
+    MapPreview,
+    MeasurementAnswer,
     ModelAnswer,
     ModelCoverageAnswer,
     NeededAnswer,
     NewAccessKey,
     ParseAnswer,
+    PositioningAnswer,
     PredictionAnswer,
     PresetAnswer,
     PreviewAnswer,
@@ -50,11 +55,15 @@ from thermap.answers import (
     ReadyAnswer,
     Receiver,
     Receivers,
+    RotaryAxisAnswer,
     RotaryErrorAnswer,
     SimulatedStepDiagonal,
+    StepDiagonalAnswer,
     StoredReadings,
     StoredVerificationAnswer,
+    ThermalDriftAnswer,
     VerificationPreview,
+    VisitPreview,
     WaitingAssignmentAnswer,
     WithdrawnReadingAnswer,
     WithdrawnReadings,
@@ -75,9 +84,21 @@ ANSWER_HEADER: Final = "Thermap-Answer"
 """What an answer in numpy's form says beside its numbers, as JSON."""
 
 ImportedFile: TypeAlias = (
-    ErrorMapAnswer | StoredVerificationAnswer | PreviewAnswer | VerificationPreview
+    ErrorMapAnswer
+    | StoredVerificationAnswer
+    | MapPreview
+    | VerificationPreview
+    | VisitPreview
+    | MeasurementAnswer
+    | PositioningAnswer
+    | StepDiagonalAnswer
+    | BodyDiagonalAnswer
+    | MachinedPartAnswer
+    | DrilledPlateAnswer
+    | RotaryAxisAnswer
+    | ThermalDriftAnswer
 )
-"""What a file is answered with: what was stored, or a preview of it."""
+"""What a file is answered with: what was stored, a preview of it, or what readings yield."""
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
@@ -589,13 +610,15 @@ def file_template(machine_id: str, kind: str) -> Call[str]:
     return Call("GET", path, _read_text, query={"kind": kind})
 
 
-def import_file(
-    machine_id: str, path: Path, beside: Mapping[str, Any], storing: Storing
+def send_file(
+    machine_id: str, name: str, content: bytes, beside: Mapping[str, Any], storing: Storing
 ) -> Call[ImportedFile]:
     """POST …/files; `beside` is what is said of the file beside it."""
-    query = {"name": path.name, **beside, **storing.query}
+    query = {"name": name, **beside, **storing.query}
+    query |= {} if storing.store else {"store": "false"}
+    query |= {"store_verification": "true"} if storing.verification else {}
     answered = reader_of(cast("type[ImportedFile]", ImportedFile))
-    return Call("POST", of_machine(machine_id, "files"), answered, path.read_bytes(), query=query)
+    return Call("POST", of_machine(machine_id, "files"), answered, content, query=query)
 
 
 def measure(

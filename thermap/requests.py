@@ -10,6 +10,7 @@ from pydantic import AwareDatetime, Field
 from thermap.answers import (
     MeasuredObservation,
     MeasuringLineSchema,
+    PlannedVerification,
     SensorSchema,
     TravelSchema,
 )
@@ -376,55 +377,6 @@ class ParseRequest(Shape):
 
     options: dict[str, Any] = {}
     """Options of the format, as `GET /v1/controllers` lists them"""
-
-
-class PlannedObservation(Shape):
-    """What is to be measured: of one component, or at a point of the work volume."""
-
-    time: AwareDatetime
-    """When, with a zone"""
-
-    component: str | None = None
-    """Component"""
-
-    position_mm: float | None = None
-    """Position on its axis [mm]"""
-
-    direction: Literal["+", "-"] | dict[Literal["x", "y", "z"], Literal["+", "-"]] | None = None
-    """Direction of approach, or of each axis at a point; the mean of both where it is not stated
-    """
-
-    point_mm: list[float] | None = None
-    """Nominal point x, y, z [mm]"""
-
-    tool_offset_mm: list[float] = [0.0, 0.0, 0.0]
-    """Tool offset X, Y, Z [mm]"""
-
-    state: dict[str, float] = {}
-    """Any numbers that the shop knows of the machine's state"""
-
-    setup: str | None = None
-    """Set-up within the verification, any text: observations with one share its zero and its tilt;
-    without any the verification is one set-up
-    """
-
-
-class PlannedVerification(Shape):
-    """Observations that are to be taken with one set-up."""
-
-    label: str = "planned"
-    """Its name in the answer"""
-
-    datum: Literal["absolute", "first", "free"] = "absolute"
-    """`absolute`, `first` or `free`"""
-
-    repeatability_um: float | None = None
-    """Standard deviation of one length [µm], where it is known; it does not apply to angles and
-    squareness
-    """
-
-    observations: list[PlannedObservation]
-    """What is to be measured"""
 
 
 class PositioningRequest(Shape):
@@ -810,32 +762,6 @@ class TriedEffectRequest(Shape):
     """Number of machines on which effects are tried in all: thresholds rise with it"""
 
 
-class VerificationRequest(Shape):
-    """Up to 100,000 observations of one machine, with one set-up or several."""
-
-    label: str
-    """The verification's name on its machine"""
-
-    datum: Literal["absolute", "first", "free"] = "absolute"
-    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
-    `free`: an unknown constant per component
-    """
-
-    repeatability_um: float | None = None
-    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
-    nothing
-    """
-
-    instrument: str | None = None
-    """What measured, for the certificate"""
-
-    operator: str | None = None
-    """Who measured, for the certificate"""
-
-    observations: list[MeasuredObservation]
-    """What was measured"""
-
-
 class VolumetricErrorRequest(Shape):
     """Points at which the volumetric error is asked."""
 
@@ -1169,3 +1095,29 @@ class PlanRequest(Shape):
 
     verifications: list[int] = []
     """Numbers of stored verifications"""
+
+
+class VerificationRequest(Shape):
+    """Up to 100,000 observations of one machine, with one set-up or several."""
+
+    label: str
+    """The verification's name on its machine"""
+
+    datum: Literal["absolute", "first", "free"] = "absolute"
+    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
+    `free`: an unknown constant per component
+    """
+
+    repeatability_um: float | None = None
+    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
+    nothing
+    """
+
+    instrument: str | None = None
+    """What measured, for the certificate"""
+
+    operator: str | None = None
+    """Who measured, for the certificate"""
+
+    observations: list[MeasuredObservation]
+    """What was measured"""

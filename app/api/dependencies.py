@@ -92,6 +92,13 @@ AcceptLossesQuery = Annotated[
         description="Whether the version is activated at once although its tables lose something"
     ),
 ]
+CourseQuery = Annotated[
+    bool,
+    Query(
+        description="Whether the course is stored as a verification of one set-up, zeroed at "
+        "its first observation, with its temperatures as readings of the machine"
+    ),
+]
 
 ContextDep = Annotated[Context, Depends(get_context)]
 RunnerDep = Annotated[AnalysisRunner, Depends(get_runner)]

@@ -10,13 +10,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.api.contract_json import check_contract, json_of
+from app.api.methods.method import Method
+from app.api.methods.registry import METHODS
 from app.api.schemas.error_maps import ErrorMapSchema
 from app.api.schemas.machines import MachineSettings
 from app.errors import FieldError, InvalidContent
 from app.field_errors import field_error
 from app.files.csv_comments import Header, with_stated
 from app.files.csv_error_map import parse_csv_error_map
-from app.files.csv_measurements import CsvMeasurement, completed, read_csv_measurement
+from app.files.csv_measurements import CsvMeasurement, completed
 from app.files.delimited_text import (
     Problems,
     UnreadableFile,
@@ -68,13 +70,19 @@ def parse_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> Fi
 class UploadedMeasurement:
     """An instrument's readings: the method, the body in which it is asked, what was noticed."""
 
-    method: str
+    method: Method[Any, Any]
     body: Mapping[str, Any]
     remarks: Sequence[str]
 
 
 def read_uploaded_map(
-    content: bytes, name: str, machine: str, header: Header, method: str | None = None
+    content: bytes,
+    name: str,
+    machine: str,
+    header: Header,
+    method: Method[Any, Any] | None = None,
+    *,
+    complete: bool = True,
 ) -> FileMap | UploadedMeasurement:
     """Read an error map, or a measurement that makes one, from what is in a file.
 
@@ -89,6 +97,8 @@ def read_uploaded_map(
         What takes precedence over what the file says.
     method
         By which method it was measured, where the file holds readings and no map.
+    complete
+        Whether readings need label, time and temperatures, as for storing a map.
 
     Raises
     ------
@@ -100,23 +110,25 @@ def read_uploaded_map(
     """
     file = Path(Path(name).name or "file.csv")
     expects_map = method is None
+    is_contract = is_json(content, file)
     try:
         content_read: FileMap | CsvMeasurement
-        is_contract = expects_map and is_json(content, file)
         sheets = {} if is_contract else sheets_of(content, file)
         written = None if is_contract else format_of_text(file, next(iter(sheets.values()), ""))
-        if is_contract:
+        if method is not None and is_contract:
+            content_read = completed(
+                _body_of(content, file, method), method.file, file, header, complete=complete
+            )
+        elif is_contract:
             content_read = _of_json(content, file, header)
         elif written is not None:
             method = _method_of(file, written, method)
             text = only_sheet(sheets, file)
             read = written.read(text, file, header.axis)
-            content_read = completed(read, method, file, header, complete=True)
+            content_read = completed(read, method.file, file, header, complete=complete)
         elif method is not None:
             text = only_sheet(sheets, file)
-            content_read = read_csv_measurement(
-                method, text, name=str(file), header=header, complete=True
-            )
+            content_read = method.read(text, name=str(file), header=header, complete=complete)
         else:
             content_read = parse_error_map(sheets, file, header)
     except UnreadableFile as error:
@@ -156,10 +168,24 @@ def _of_json(content: bytes, file: Path, header: Header) -> FileMap:
     return FileMap(maps[0], None, ())
 
 
-def _method_of(file: Path, written: InstrumentFormat, method: str | None) -> str:
-    if method not in (None, written.method):
+def _body_of(content: bytes, file: Path, method: Method[Any, Any]) -> CsvMeasurement:
+    """Read the body of a method's request."""
+    problems = Problems(file)
+    body = json_of(content, problems)
+    if not isinstance(body, dict):
+        problems.add(
+            f"expected the fields of a {method.name} measurement, got {type(body).__name__}"
+        )
+    problems.raise_if_any()
+    return CsvMeasurement(body, None, ())
+
+
+def _method_of(
+    file: Path, written: InstrumentFormat, method: Method[Any, Any] | None
+) -> Method[Any, Any]:
+    if method is not None and method.name != written.method:
         raise InvalidContent.of_field(
             "method",
-            f"expected {written.method}, which {file} holds as {written.name}, got {method}",
+            f"expected {written.method}, which {file} holds as {written.name}, got {method.name}",
         )
-    return written.method
+    return METHODS[written.method]

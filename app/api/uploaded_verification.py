@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from app.api.contract_json import json_of
 from app.api.verification_check import check_verification, complain_of_fields
@@ -14,6 +15,9 @@ from app.files.csv_verification import parse_csv_verification
 from app.files.delimited_text import Problems, UnreadableFile, sheets_of
 from app.files.file_kind import FileKind, is_json, refuse_other_kind
 
+_VALUE: Final = "measured_"
+"""Fields that begin so hold what was measured."""
+
 
 @dataclass(frozen=True, slots=True)
 class UploadedVerification:
@@ -21,12 +25,15 @@ class UploadedVerification:
 
     Parameters
     ----------
+    body
+        The request's, as the file has it.
     remarks
         What of the file was not read.
     """
 
     file: Path
     verification: Verification
+    body: Any
     remarks: Sequence[str]
     lines: Sequence[int]
 
@@ -37,13 +44,17 @@ class UploadedVerification:
         return _of_lines(problems.listed())
 
 
-def read_uploaded_verification(content: bytes, name: str, machine: str) -> UploadedVerification:
+def read_uploaded_verification(
+    content: bytes, name: str, machine: str, *, is_planned: bool = False
+) -> UploadedVerification:
     """Read a verification from what is in a file: CSV, an Excel workbook, or a request's JSON.
 
     Parameters
     ----------
     name
         The file's name, under which complaints stand; without a label it is called so.
+    is_planned
+        Whether it is yet to be measured: measured values are not looked at.
 
     Raises
     ------
@@ -56,19 +67,35 @@ def read_uploaded_verification(content: bytes, name: str, machine: str) -> Uploa
     try:
         if is_json(content, file):
             problems = Problems(file)
-            verification = check_verification(json_of(content, problems), problems)
-            return UploadedVerification(file, verification, (), ())
-        read = parse_csv_verification(sheets_of(content, file), file)
+            body = json_of(content, problems)
+            if is_planned:
+                body = _without_values(body)
+            verification = check_verification(body, problems, is_planned=is_planned)
+            return UploadedVerification(file, verification, body, (), ())
+        read = parse_csv_verification(sheets_of(content, file), file, is_planned=is_planned)
         if read.machine not in (None, machine):
             raise UnreadableFile(
                 f"{file} says that it belongs to {read.machine!r}, got {machine!r}"
             )
-        verification = check_verification(read.body, Problems(file), read.lines)
+        verification = check_verification(
+            read.body, Problems(file), read.lines, is_planned=is_planned
+        )
     except UnreadableFile as error:
         refuse_other_kind(FileKind.CHECK, content, file)
         raise _of_lines(error.wrong) from None
-    return UploadedVerification(file, verification, read.remarks, read.lines)
+    return UploadedVerification(file, verification, read.body, read.remarks, read.lines)
 
 
 def _of_lines(lines: Sequence[str]) -> InvalidContent:
     return InvalidContent("\n".join(lines), [FieldError("file", line) for line in lines])
+
+
+def _without_values(body: Any) -> Any:
+    """Leave measured values out of a body; one of another shape stays, to be refused."""
+    if not isinstance(body, dict) or not isinstance(body.get("observations"), list):
+        return body
+    planned = [
+        {k: v for k, v in o.items() if not k.startswith(_VALUE)} if isinstance(o, dict) else o
+        for o in body["observations"]
+    ]
+    return {**body, "observations": planned}

@@ -6,24 +6,32 @@ router with `FileRoute`s: however long that takes, nobody holds a turn at the da
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 from fastapi import Depends, Query, Request
 
 from app.api.bodies import body_of_at_most, in_a_thread
-from app.api.dependencies import ContextDep, MachinePath, machine_in_memory
-from app.api.evaluations import EVALUATIONS
+from app.api.dependencies import (
+    AcceptLossesQuery,
+    ContextDep,
+    CourseQuery,
+    MachinePath,
+    PreviewQuery,
+    machine_in_memory,
+)
 from app.api.media_types import CSV, XLSX
+from app.api.methods.method import Evaluated, Method
+from app.api.methods.registry import METHODS, method_named
+from app.api.methods.shapes import MeasurementRequest
 from app.api.schemas.base import UtcTime
-from app.api.schemas.measurements.base import MeasurementRequest
-from app.api.uploaded_map import FileMap, read_uploaded_map
+from app.api.uploaded_map import FileMap, UploadedMeasurement, read_uploaded_map
 from app.api.uploaded_verification import UploadedVerification, read_uploaded_verification
 from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
 from app.files.csv_comments import Header
-from app.services.measurements import map_of_result
+from app.services.measurements import Storing, map_of_result
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
 
@@ -59,7 +67,7 @@ class Beside:
     """What is stated of a file beside it."""
 
     stated: Header
-    method: str | None
+    method: Method[Any, Any] | None
 
     @property
     def names(self) -> list[str]:
@@ -102,17 +110,14 @@ def _beside(
         str | None,
         Query(
             max_length=100,
-            description=f"By which method it was measured, of {list_names(EVALUATIONS)}: where the "
+            description=f"By which method it was measured, of {list_names(METHODS)}: where the "
             "file is a table of an instrument's readings, and not of errors",
         ),
     ] = None,
 ) -> Beside:
-    if method is not None and method not in EVALUATIONS:
-        raise InvalidContent.of_field(
-            "method", f"expected one of {list_names(EVALUATIONS)}, got {method!r}"
-        )
     time = None if measured_at is None else measured_at.isoformat()
-    return Beside(Header(label, time, _temperatures(temperature or ()), axis), method)
+    header = Header(label, time, _temperatures(temperature or ()), axis)
+    return Beside(header, None if method is None else method_named(method))
 
 
 def _temperatures(stated: Sequence[str]) -> dict[str, float]:
@@ -135,23 +140,59 @@ def _temperatures(stated: Sequence[str]) -> dict[str, float]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Readings:
-    """An instrument's readings: the method, the body in which it is asked, what was noticed."""
+def _storing(
+    store: Annotated[
+        bool,
+        Query(
+            description="Whether a map is stored, or the readings of `method` are evaluated alone; "
+            "they need no label, time and temperatures then"
+        ),
+    ] = True,
+    preview: PreviewQuery = False,
+    accept_losses: AcceptLossesQuery = False,
+    store_verification: CourseQuery = False,
+) -> Storing:
+    return Storing(store, preview, accept_losses, store_verification)
 
-    method: str
-    body: MeasurementRequest
-    remarks: Sequence[str]
+
+StoringQuery = Annotated[Storing, Depends(_storing)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMap:
-    """The map of a file, what was noticed, and a measurement's own figures."""
+    """The map of a file, and what was noticed."""
 
     error_map: ErrorMap
     remarks: Sequence[str]
-    method: str | None = None
-    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundReadings:
+    """An instrument's readings on a machine: the body in which it is asked, and what comes out."""
+
+    method: Method[Any, Any]
+    machine: Machine
+    body: MeasurementRequest
+    evaluated: Evaluated
+    remarks: Sequence[str]
+
+    def as_map(self) -> FoundMap:
+        """Make the map of them.
+
+        Raises
+        ------
+        InvalidContent
+            If the method makes several, or none.
+        """
+        if not self.method.makes_one_map:
+            raise InvalidContent.of_field(
+                "method",
+                f"expected a method that makes one map, got {self.method.name}: `thermap import "
+                f"--method {self.method.name}` shows what it makes",
+            )
+        result = self.evaluated.result
+        error_map = map_of_result(self.machine, self.method.name, self.body.header(), result)
+        return FoundMap(error_map, [*self.remarks, *result.notes])
 
 
 BesideQuery = Annotated[Beside, Depends(_beside)]
@@ -163,35 +204,46 @@ async def uploaded_map(
     machine: MachinePath,
     content: FileContent,
     beside: BesideQuery,
+    storing: StoringQuery,
     name: FileName = "file.csv",
-) -> FoundMap:
+) -> FoundMap | FoundReadings:
     """Read the map or the measurement that came, check what it says, and evaluate readings.
 
     A million readings take seconds: nobody else waits for the database meanwhile.
     """
+    complete = storing.store or storing.preview or storing.course
 
-    def read_and_check() -> FileMap | _Readings:
-        read = read_uploaded_map(content, name, machine, beside.stated, beside.method)
+    def read_and_check() -> FileMap | tuple[UploadedMeasurement, MeasurementRequest]:
+        read = read_uploaded_map(
+            content, name, machine, beside.stated, beside.method, complete=complete
+        )
         if isinstance(read, FileMap):
             return read
-        body = EVALUATIONS[read.method].checked(read.body)
-        return _Readings(read.method, body, read.remarks)
+        return read, read.method.checked(read.body)
 
     read = await in_a_thread(read_and_check)
     live = await machine_in_memory(request, context, machine)
-    described = live.current.model.machine
-    return await in_a_thread(lambda: _map_of(described, read))
-
-
-def _map_of(described: Machine, read: FileMap | _Readings) -> FoundMap:
-    """Give a file's map, or evaluate the readings in it."""
     if isinstance(read, FileMap):
-        return FoundMap(read.error_map.to_error_map(), read.remarks)
-    result = EVALUATIONS[read.method].evaluate(described, read.body)
-    error_map = map_of_result(described, read.method, read.body.header(), result)
-    return FoundMap(error_map, [*read.remarks, *result.notes], read.method, result.figures)
+        return FoundMap(await in_a_thread(read.error_map.to_error_map), read.remarks)
+    described = live.current.model.machine
+    (measurement, body), method = read, read[0].method
+    evaluated = await in_a_thread(lambda: method.evaluate(context, described, body))
+    return FoundReadings(method, described, body, evaluated, measurement.remarks)
 
 
-async def uploaded_verification(machine: str, content: bytes, name: str) -> UploadedVerification:
+def refuse_what_readings_have(name: str, beside: Beside, storing: Storing) -> None:
+    """Refuse for a map what says something of readings alone."""
+    stated: dict[str, object] = {"axis": beside.stated.axis, "store_verification": storing.course}
+    stated["store"] = not (storing.store or storing.preview)
+    message = f"expected with readings alone, but {name} holds a map"
+    if wrong := [FieldError(field, message) for field, is_stated in stated.items() if is_stated]:
+        raise InvalidContent(f"{list_names(e.field for e in wrong)}: {message}", wrong)
+
+
+async def uploaded_verification(
+    machine: str, content: bytes, name: str, *, is_planned: bool = False
+) -> UploadedVerification:
     """Read the verification that came."""
-    return await in_a_thread(lambda: read_uploaded_verification(content, name, machine))
+    return await in_a_thread(
+        lambda: read_uploaded_verification(content, name, machine, is_planned=is_planned)
+    )

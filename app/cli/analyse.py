@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Final
@@ -13,9 +13,9 @@ from pydantic import TypeAdapter
 from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from app.cli.analyse_files import VerificationFile, read_verifications, store_verifications
 from app.cli.analyse_view import analysis_view, plan_view
 from app.cli.answers import shell_words
+from app.cli.check_files import look_at_checks, look_at_visits, store_checks
 from app.cli.console import console
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.models import preview_lines, waiting_lines
@@ -38,8 +38,6 @@ from app.pages.report_parts.words import sentence
 from app.storage.analysis_results import AnalysisWithResult
 from thermap import (
     DEFAULT_URL,
-    FieldError,
-    InvalidContentError,
     ThermapClient,
     ThermapClientError,
     loop_calls,
@@ -149,17 +147,17 @@ def analyse(
         with connect(url) as thermap:
             judge_every_machine(thermap, effects=effects, holdout=holdout, output=output, json=json)
         return
-    files = read_verifications(verification or [], machine, is_planned=plan)
     with connect(url) as thermap:
         # An unknown machine is told before anything is stored.
         thermap.machine(machine)
         if plan:
-            _show_plan(thermap, machine, files, json=json)
+            _show_plan(thermap, machine, verification or [], json=json)
             return
         stored: list[int] = []
-        _expect_comparable(thermap, machine, files)
+        read = look_at_checks(thermap, machine, verification or [])
+        _expect_comparable(thermap, machine, {c for _, check in read for c in check.components})
         with _naming_what_is_stored(machine, stored):
-            store_verifications(thermap, machine, files, stored)
+            store_checks(thermap, read, stored)
             ids = stored or chosen_verifications(thermap, machine, None)
             question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
             with _CtrlC() as ctrl_c:
@@ -263,67 +261,44 @@ def _show(content: bytes | RenderableType) -> None:
         console().print(content)
 
 
-def _show_plan(
-    thermap: ThermapClient, machine: str, files: Sequence[VerificationFile], *, json: bool
-) -> None:
+def _show_plan(thermap: ThermapClient, machine: str, files: Sequence[Path], *, json: bool) -> None:
     """Ask what the files' observations, or those that are stored, could see."""
-    for verification_file in files:
-        for remark in verification_file.remarks:
-            echo(f"{verification_file.file}: note: {remark}", err=True)
+    visits = [visit.planned for _, visit in look_at_visits(thermap, machine, files)]
     question = (
-        {"planned": [one.body for one in files]}
-        if files
+        {"planned": visits}
+        if visits
         else {"verifications": chosen_verifications(thermap, machine, None)}
     )
     call = loop_calls.plan_analysis(machine, question)
-    try:
-        with console(stderr=True).status("planning"):
-            content = thermap.content(call)
-    except InvalidContentError as error:
-        raise _refused(error, files) from error
+    with console(stderr=True).status("planning"):
+        content = thermap.content(call)
     _show(content if json else plan_view(_PLAN.validate_json(content)))
 
 
-def _refused(error: InvalidContentError, files: Sequence[VerificationFile]) -> ThermapError:
-    """Name file, line and column of what the service refuses of planned observations."""
-    reason = [
-        line
-        for i, verification_file in enumerate(files)
-        for line in verification_file.complaints(_inside(error.errors, f"planned.{i}."))
-    ]
-    return NotAnalysed("\n".join(reason) or error.sentence)
-
-
-def _inside(errors: Iterable[FieldError], prefix: str) -> Iterator[FieldError]:
-    """Choose the errors of one file, as its own body has their fields."""
-    for field_error in errors:
-        if field_error.field.startswith(prefix):
-            yield FieldError(field_error.field.removeprefix(prefix), field_error.message)
-
-
-def _expect_comparable(
-    thermap: ThermapClient, machine: str, files: Sequence[VerificationFile]
-) -> None:
+def _expect_comparable(thermap: ThermapClient, machine: str, observed: Collection[str]) -> None:
     """Say once, before anything is stored, what of the files the model cannot be held against.
+
+    Parameters
+    ----------
+    observed
+        Codes of components, and `points`.
 
     Raises
     ------
     NotAnalysed
         If that is everything.
     """
-    observed = {c for verification_file in files for c in verification_file.components}
+    codes = ORDER.keys() & observed
     active = thermap.machine(machine).active_model
-    if not files or not observed:
+    if not codes:
         return
     covered = None if active is None else thermap.model_coverage(machine, active)
     covered_codes = set(covered.components if covered else ())
-    lacking = sorted(observed - covered_codes, key=ORDER.__getitem__)
+    lacking = sorted(codes - covered_codes, key=ORDER.__getitem__)
     if not lacking:
         return
     reason = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
-    if not covered_codes & observed and not any(
-        verification_file.has_points for verification_file in files
-    ):
+    if not covered_codes & codes and "points" not in observed:
         raise NotAnalysed(
             "nothing was sent, because there is nothing to compare it with: no table has " + reason
         )

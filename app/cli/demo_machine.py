@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from app.api.schemas.machines import settings_of
-from app.api.schemas.readings import ReadingSchema
+from app.cli.described import described
 from app.errors import Conflict
 from app.simulation.example.error_maps import run_map
 from app.simulation.example.machine import example_machine
 from app.simulation.example.warm_up import temperatures_at
 from app.thermal.error_map import ComponentTable
 from thermap import ConflictError, ThermapClient, UnknownThingError
+from thermap.answers import ReadingSchema
 
 STORED_RUNS: Final = (1, 3, 6)
 HISTORY: Final = timedelta(minutes=5)
@@ -33,7 +33,7 @@ def set_up(thermap: ThermapClient) -> str:
     try:
         present = thermap.machine(machine.id)
     except UnknownThingError:
-        present = thermap.create_machine(settings_of(machine))
+        present = thermap.create_machine(described(machine))
     if present.name != machine.name:
         raise Conflict(
             f"{thermap.base_url} has a machine {machine.id!r} that is not the simulated one "

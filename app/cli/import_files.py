@@ -2,60 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import json as json_text
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
-from app.api.contract_json import read_contract_json
-from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.machines import MachineSettings, settings_of
-from app.api.schemas.readings import ReadingSchema
-from app.api.uploaded_map import read_error_map
-from app.cli.import_checks import (
-    ImportMode,
-    choose_machine,
-    expect_one_label,
-    expect_sensors,
-    naming,
-    note_unassigned_components,
-    refusing_other_kind,
-    report_stored_map,
-    settings_of_stored,
-    show_preview,
-    show_what_was_read,
-)
-from app.cli.import_measurements import import_measurements
+from app.cli.answers import shell_words
+from app.cli.console import console
+from app.cli.measurement_view import measurement_view
+from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.cli.terminal import echo
-from app.errors import Conflict, counted, list_names
-from app.files.csv_comments import Header
-from app.files.delimited_text import UnreadableFile
-from app.files.file_kind import FileKind
-from app.files.instrument_files import InstrumentFormat, instrument_format
-from app.pages.what_was_read import read_of_map
-from thermap import DEFAULT_URL, ThermapClient, UnknownThingError
+from app.cli.terminal import echo, write_document
+from app.cli.uploads import (
+    Beside,
+    Sent,
+    Upload,
+    choose_machine,
+    look_at_all,
+    machine_in,
+    naming,
+    raise_if_any,
+    read_bytes,
+    send,
+)
+from app.errors import counted, list_names
+from app.geometry.components import COMPONENTS, ORDER, parse_component
+from app.json_text import NoJsonError, RepeatedNameError, read_json
+from thermap import DEFAULT_URL, ThermapClient, UnknownThingError, calls
+from thermap.answers import (
+    DriftVerificationAnswer,
+    ErrorMapAnswer,
+    MachineAnswer,
+    MapPreview,
+    MeasurementAnswer,
+    PreviewAnswer,
+    ThermalDriftAnswer,
+)
+from thermap.requests import MachineSettings
 
 KEPT_AS: Final = ("maps", "verification", "both")
 
+_ANSWERED: Final = MachineAnswer.model_fields.keys() - MachineSettings.model_fields.keys()
+"""What the service says of a machine, and nobody states."""
+
 
 @dataclass(slots=True)
-class ImportedFile:
-    """What one file holds, checked."""
+class _Imported:
+    """What files hold, by what it is sent as."""
 
-    file: Path
-    machines: list[MachineSettings] = field(default_factory=list)
-    error_maps: list[ErrorMapSchema] = field(default_factory=list)
-    readings: list[ReadingSchema] = field(default_factory=list)
-    machine: str = ""
-    remarks: Sequence[str] = ()
-
-    @property
-    def needs_machine(self) -> bool:
-        """Whether something in it belongs to a machine that has to be named."""
-        return bool(self.error_maps or self.readings)
+    machines: list[tuple[Path, Mapping[str, Any]]] = field(default_factory=list)
+    readings: list[tuple[Path, str, list[Mapping[str, Any]]]] = field(default_factory=list)
+    uploads: list[Upload] = field(default_factory=list)
 
 
 def import_files(
@@ -76,7 +76,7 @@ def import_files(
         str | None,
         typer.Option(
             help="The files are an instrument's readings by this method, such as step-diagonal; "
-            "the map that they make is stored and shown."
+            "the map that they make is stored and shown.",
         ),
     ] = None,
     axis: Annotated[
@@ -88,7 +88,8 @@ def import_files(
     evaluate_only: Annotated[
         bool,
         typer.Option(
-            "--evaluate-only", help="With --method: show what comes out and store nothing."
+            "--evaluate-only",
+            help="With --method: show what comes out and store nothing.",
         ),
     ] = False,
     preview: Annotated[
@@ -118,7 +119,7 @@ def import_files(
     ] = "maps",
     json: Annotated[
         bool,
-        typer.Option("--json", help="With --method: the service's JSON, a line for each file."),
+        typer.Option("--json", help="The service's JSON, a line for each map."),
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
@@ -145,7 +146,6 @@ def import_files(
     Example: `thermap import --method step-diagonal laser.csv --machine mcfv5050`
     """
     temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    header = Header(label, measured_at, temperatures_c)
     if preview and (evaluate_only or accept_losses):
         raise typer.BadParameter(
             "a preview stores nothing: leave out --evaluate-only and --accept-losses",
@@ -161,193 +161,316 @@ def import_files(
             "says what maps would do to the tables, and a verification changes none: leave it out",
             param_hint="--preview",
         )
-    mode = ImportMode(
-        evaluate_only=evaluate_only,
-        preview=preview,
-        accept_losses=accept_losses,
-        as_maps=keep_as != "verification",
-        as_verification=keep_as != "maps",
-    )
-    written = [instrument_format(file) for file in files]
-    if axis is not None and not all(written):
-        raise typer.BadParameter(
-            "goes with files as instruments write them, such as .rtl", param_hint="--axis"
-        )
-    method = method or _method_of(files, written)
-    if method is not None:
-        import_measurements(files, method, machine, header, mode, json=json, url=url, axis=axis)
-        return
-    for option, is_given in {"--evaluate-only": evaluate_only, "--json": json}.items():
-        if is_given:
-            raise typer.BadParameter("goes with --method", param_hint=option)
-    imported = _read_all(files, header, machine)
-    with connect(url) as thermap:
-        machines = _check_with_service(thermap, imported)
-        for settings in machines.values():
-            note_unassigned_components(thermap, settings, _components_of(settings.id, imported))
-        noted: set[tuple[str, str]] = set()
-        for i, imported_file in enumerate(imported):
-            with naming(imported_file.file, [later.file for later in imported[i + 1 :]]):
-                _send(thermap, imported_file, mode, noted)
-
-
-def _method_of(files: Sequence[Path], written: Sequence[InstrumentFormat | None]) -> str | None:
-    """Take the method of files that instruments wrote; others go another way."""
-    methods = {form.method if form else None for form in written}
-    if len(methods) > 1:
-        theirs = [str(file) for file, form in zip(files, written, strict=True) if form]
-        raise typer.BadParameter(
-            f"expected files of one kind, got {list_names(theirs)} as an instrument wrote them "
-            "beside others: import them one after the other",
-            param_hint="FILE",
-        )
-    return next(iter(methods), None)
-
-
-def _read_all(files: Sequence[Path], header: Header, machine: str | None) -> list[ImportedFile]:
-    """Read every file, machines first, and complain of all that is wrong in any."""
-    tables = [file for file in files if file.suffix.lower() != ".json"]
-    expect_one_label(header, tables)
-    imported: list[ImportedFile] = []
-    problems: list[str] = []
-    for file in files:
-        try:
-            imported.append(_read_csv(file, header) if file in tables else _read_json(file))
-        except UnreadableFile as error:
-            problems.append(error.detail)
-    if problems:
-        raise UnreadableFile("\n".join(["nothing was sent:", *problems]))
-    described = [settings.id for imported_file in imported for settings in imported_file.machines]
-    for imported_file in imported:
-        if imported_file.needs_machine:
-            imported_file.machine = choose_machine(
-                imported_file.file, imported_file.machine, machine, described
-            )
-    return sorted(imported, key=lambda item: not item.machines)
-
-
-def _read_csv(file: Path, header: Header) -> ImportedFile:
-    with refusing_other_kind(FileKind.MAP, file):
-        content = read_error_map(file, header)
-    return ImportedFile(
-        file, error_maps=[content.error_map], machine=content.machine or "", remarks=content.remarks
-    )
-
-
-def _read_json(file: Path) -> ImportedFile:
-    imported_file = ImportedFile(file)
-    with refusing_other_kind(FileKind.MAP, file):
-        contents = read_contract_json(file)
-    for content in contents:
-        if isinstance(content, MachineSettings):
-            imported_file.machines.append(content)
-        elif isinstance(content, ErrorMapSchema):
-            imported_file.error_maps.append(content)
-        else:
-            imported_file.readings.append(content)
-    return imported_file
-
-
-def _check_with_service(
-    thermap: ThermapClient, imported: Sequence[ImportedFile]
-) -> dict[str, MachineSettings]:
-    """Refuse what the machines cannot take, before anything is sent; give the machines."""
-    described = {settings.id: settings for one in imported for settings in one.machines}
-    wanted = {one.machine for one in imported if one.needs_machine}
-    machines = {
-        id_: described.get(id_) or settings_of_stored(thermap.machine(id_))
-        for id_ in sorted(wanted)
+    beside = {
+        "kind": "map",
+        "label": label,
+        "measured_at": measured_at,
+        "temperature": [f"{name}={value!r}" for name, value in temperatures_c.items()],
+        "method": method,
+        "axis": axis,
     }
-    for imported_file in imported:
-        if imported_file.needs_machine:
-            sensor_names = [sensor.name for sensor in machines[imported_file.machine].sensors]
-            expect_sensors(
-                imported_file.file, imported_file.machine, sensor_names, _sensors_in(imported_file)
-            )
-    return machines
-
-
-def _components_of(machine: str, imported: Sequence[ImportedFile]) -> Iterator[str]:
-    for imported_file in imported:
-        for error_map in imported_file.error_maps if imported_file.machine == machine else ():
-            yield from (component.component for component in error_map.components)
-
-
-def _sensors_in(imported_file: ImportedFile) -> Iterator[str]:
-    for error_map in imported_file.error_maps:
-        yield from error_map.temperatures_c
-    for reading in imported_file.readings:
-        yield from reading.temperatures_c
-
-
-def _send(
-    thermap: ThermapClient,
-    imported_file: ImportedFile,
-    mode: ImportMode,
-    noted: set[tuple[str, str]],
-) -> None:
-    """Send a file's content; what was `noted` of a machine's earlier map is not said again."""
-    for remark in imported_file.remarks:
-        echo(f"{imported_file.file}: note: {remark}", err=True)
-    if mode.preview:
-        for error_map in imported_file.error_maps:
-            show_what_was_read(imported_file.file, read_of_map(error_map.to_error_map()))
-            preview = thermap.preview_error_map(imported_file.machine, error_map)
-            show_preview(imported_file.file, preview, alone=True)
-            _note_once(imported_file.machine, preview.warnings, noted)
-        return
-    for settings in imported_file.machines:
-        echo(f"{imported_file.file}: {_send_machine(thermap, settings)}")
-    labels = (
-        {m.label for m in thermap.error_maps(imported_file.machine)}
-        if imported_file.error_maps
-        else set()
+    stores = not (evaluate_only or preview)
+    storing = calls.Storing(
+        stores and keep_as != "verification", accept_losses, preview, stores and keep_as != "maps"
     )
-    for error_map in imported_file.error_maps:
-        show_preview(
-            imported_file.file, thermap.preview_error_map(imported_file.machine, error_map)
-        )
-        stored = thermap.store_error_map(
-            imported_file.machine, error_map, accept_losses=mode.accept_losses
-        )
-        _note_once(imported_file.machine, stored.warnings, noted)
-        report_stored_map(
-            thermap,
-            imported_file.file,
-            imported_file.machine,
-            stored.label,
-            stored.id,
-            stored,
-            was_there=stored.label in labels,
-        )
-        labels.add(stored.label)
-    if imported_file.readings:
-        done = thermap.store_readings(imported_file.machine, imported_file.readings)
-        echo(
-            f"{imported_file.file}: {counted(done.stored, 'reading')} stored, {done.duplicates} "
-            "there already"
-        )
-        for warning in done.warnings:
-            echo(f"{imported_file.file}: {warning}", err=True)
+    if label and sum(method is not None or file.suffix.lower() != ".json" for file in files) > 1:
+        raise typer.BadParameter("names one map, got several files", param_hint="--label")
+    imported = _read_all(files, machine, has_bodies=method is not None)
+    with connect(url) as thermap:
+        for file, settings in imported.machines if stores else ():
+            with naming(file):
+                echo(f"{file}: {_store_machine(thermap, settings)}")
+        look = calls.Storing(preview=not evaluate_only)
+        if stores and keep_as != "maps":
+            look = calls.Storing(preview=keep_as == "both")
+        looks = look_at_all(thermap, imported.uploads, beside, look)
+        if not stores:
+            for upload, sent in zip(imported.uploads, looks, strict=True):
+                _show(upload.file, sent, json=json)
+            return
+        _note_unassigned(thermap, imported.uploads, looks)
+        for file, machine_id, readings in imported.readings:
+            with naming(file):
+                _store_readings(thermap, file, machine_id, readings)
+        _store_uploads(thermap, imported.uploads, looks, beside, storing, json=json)
 
 
-def _note_once(machine: str, warnings: Iterable[str], noted: set[tuple[str, str]]) -> None:
-    for warning in warnings:
-        if (machine, warning) not in noted:
-            echo(f"note: {warning}", err=True)
-        noted.add((machine, warning))
+def _read_all(files: Sequence[Path], machine: str | None, *, has_bodies: bool) -> _Imported:
+    """Read every file, and decide whose it is.
+
+    Parameters
+    ----------
+    has_bodies
+        Whether JSON files hold bodies of measurements, and no machines, maps or readings.
+    """
+    imported = _Imported()
+    wrong: list[str] = []
+    entries: list[tuple[Path, Mapping[str, Any]]] = []
+    contents = read_bytes(files)
+    for file, content in contents.items():
+        if file.suffix.lower() == ".json" and not has_bodies:
+            try:
+                entries += [(file, entry) for entry in _entries(content)]
+            except ValueError as error:
+                wrong.append(f"{file}{error}")
+    raise_if_any(wrong)
+    imported.machines = [(file, entry) for file, entry in entries if "configuration" in entry]
+    described = [str(entry.get("id")) for _, entry in imported.machines]
+    readings: dict[Path, list[Mapping[str, Any]]] = {}
+    of_file = {file for file, _ in entries}
+    for file, entry in entries:
+        if _is_reading(entry):
+            readings.setdefault(file, []).append(entry)
+    for file, content in contents.items():
+        if file not in of_file:
+            named = choose_machine(file, machine_in(content), machine, described)
+            imported.uploads.append(Upload(file, named, content))
+        is_one = content.lstrip()[:1] == b"{"
+        for i, entry in enumerate((e for other, e in entries if other == file), start=1):
+            if "configuration" not in entry and not _is_reading(entry):
+                named = choose_machine(file, None, machine, described)
+                written = content if is_one else json_text.dumps(entry).encode()
+                place = "" if is_one else f"entry {i}: "
+                imported.uploads.append(Upload(file, named, written, place))
+    imported.readings = [
+        (file, choose_machine(file, None, machine, described), entries_of_file)
+        for file, entries_of_file in readings.items()
+    ]
+    return imported
 
 
-def _send_machine(thermap: ThermapClient, settings: MachineSettings) -> str:
+def _entries(content: bytes) -> list[Mapping[str, Any]]:
+    """Give the objects of a JSON file, one or a list of them; ValueError says what it is else."""
     try:
-        present = thermap.machine(settings.id)
-    except UnknownThingError:
-        thermap.create_machine(settings)
-        return f"machine {settings.id} stored"
-    wanted = MachineSettings.model_validate(settings_of(settings.to_machine()))
-    if settings_of_stored(present) != wanted:
-        raise Conflict(
-            f"machine {settings.id} is there with other settings; "
-            f"`thermap machines set {settings.id} KEY=VALUE` changes them"
-        )
-    return f"machine {settings.id} was there already"
+        document = read_json(content)
+    except NoJsonError as error:
+        raise ValueError(f": expected JSON: {error}") from None
+    except RepeatedNameError as error:
+        raise ValueError(
+            f": expected each name once in an object, got {error.name} twice"
+        ) from None
+    entries = document if isinstance(document, list) else [document]
+    if not entries:
+        raise ValueError(": expected a machine, an error map or readings, got an empty list")
+    for i, entry in enumerate(entries, start=1):
+        if not isinstance(entry, dict) or not entry.keys() & _TOLD_BY:
+            place = f"entry {i}: " if isinstance(document, list) else ""
+            got = f"fields {', '.join(entry)}" if isinstance(entry, dict) else type(entry).__name__
+            raise ValueError(
+                f": {place}expected a machine (with configuration), an error map (with components) "
+                f"or a reading (with time and temperatures_c), got {got}"
+            )
+    return entries
+
+
+_TOLD_BY: Final = frozenset({"configuration", "components", "measured_at", "observations", "time"})
+
+
+def _is_reading(entry: Mapping[str, Any]) -> bool:
+    return "time" in entry and not entry.keys() & {"components", "measured_at", "configuration"}
+
+
+def _store_machine(thermap: ThermapClient, entry: Mapping[str, Any]) -> str:
+    settings = {name: value for name, value in entry.items() if name not in _ANSWERED}
+    sent = send(thermap, calls.create_machine(settings))
+    return f"machine {sent.answer.id} {'stored' if sent.is_new else 'was there already'}"
+
+
+def _store_readings(
+    thermap: ThermapClient, file: Path, machine: str, readings: Sequence[Mapping[str, Any]]
+) -> None:
+    done = thermap.store_readings(machine, readings)
+    echo(f"{file}: {counted(done.stored, 'reading')} stored, {done.duplicates} there already")
+    for warning in done.warnings:
+        echo(f"{file}: {warning}", err=True)
+
+
+def _store_uploads(
+    thermap: ThermapClient,
+    uploads: Sequence[Upload],
+    looks: Sequence[Sent[calls.ImportedFile]],
+    beside: Beside,
+    storing: calls.Storing,
+    *,
+    json: bool,
+) -> None:
+    """Store each, and show before what it would do; what is noted of a machine is noted once."""
+    noted: set[tuple[str, str]] = set()
+    for i, (upload, look) in enumerate(zip(uploads, looks, strict=True)):
+        with naming(upload.file, [later.file for later in uploads[i + 1 :]]):
+            preview = _preview_in(look.answer)
+            if preview is not None and i and not json:
+                # Of the tables that the maps before it have changed.
+                again = send(thermap, upload.call(beside, calls.Storing(preview=True)))
+                preview = _preview_in(again.answer)
+            if preview is not None and not json:
+                _show_preview(upload.file, preview)
+            sent = send(thermap, upload.call(beside, storing))
+            if json:
+                write_document(sent.content.decode() + "\n")
+                continue
+            for warning in getattr(sent.answer, "warnings", ()):
+                if (upload.machine, warning) not in noted:
+                    echo(f"{upload.file}: note: {warning}", err=True)
+                noted.add((upload.machine, warning))
+            _report(thermap, upload, sent)
+
+
+def _preview_in(answer: calls.ImportedFile) -> PreviewAnswer | MapPreview | None:
+    if isinstance(answer, MeasurementAnswer):
+        return answer.preview
+    return answer if isinstance(answer, MapPreview) else None
+
+
+def _show(file: Path, sent: Sent[calls.ImportedFile], *, json: bool) -> None:
+    """Show a preview, or an evaluation, of which nothing is stored."""
+    if json:
+        write_document(sent.content.decode() + "\n")
+        return
+    answer = sent.answer
+    for warning in getattr(answer, "warnings", ()):
+        echo(f"{file}: note: {warning}", err=True)
+    if isinstance(answer, MapPreview):
+        for line in answer.read:
+            echo(f"{file}: read {line}")
+    preview = _preview_in(answer)
+    if preview is not None:
+        _show_preview(file, preview)
+        _show_what_becomes(file, preview)
+    if isinstance(answer, MeasurementAnswer):
+        if preview is None:
+            echo(f"{file}: {answer.method} evaluated, nothing stored")
+        console().print(measurement_view(answer))
+
+
+def _show_preview(file: Path, preview: PreviewAnswer | MapPreview) -> None:
+    """Say what a map would do to the tables; losses where warnings go."""
+    for line in preview_lines(preview):
+        good = line.startswith(("would gain", "would change", "would have changed"))
+        echo(f"{file}: {line}", err=not good)
+
+
+def _show_what_becomes(file: Path, preview: PreviewAnswer | MapPreview) -> None:
+    """Say that nothing is stored, and why nothing is known of changes."""
+    if preview.not_compared:
+        echo(f"{file}: it is not known by how much tables would change ({preview.not_compared})")
+    became = (
+        "would be active at once"
+        if preview.activated
+        else "would wait, and tables would stay as they are"
+    )
+    echo(f"{file}: a preview, nothing was stored; the model version that this map makes {became}")
+
+
+def _report(thermap: ThermapClient, upload: Upload, sent: Sent[calls.ImportedFile]) -> None:
+    """Say under which number what was sent is stored, and whether tables follow it."""
+    answer = sent.answer
+    if isinstance(answer, ErrorMapAnswer):
+        _report_map(thermap, upload, answer.label, answer.id, answer, is_new=sent.is_new)
+    if not isinstance(answer, MeasurementAnswer):
+        return
+    for label, number in _maps_of(answer):
+        _report_map(thermap, upload, label, number, answer, is_new=sent.is_new)
+    if isinstance(answer, ThermalDriftAnswer) and answer.verification is not None:
+        echo(f"{upload.file}: {_kept_words(upload.machine, answer.label, answer.verification)}")
+    console().print(measurement_view(answer))
+
+
+def _maps_of(answer: MeasurementAnswer) -> Iterator[tuple[str, int]]:
+    """Give label and number of each map that was stored."""
+    if isinstance(answer, ThermalDriftAnswer):
+        made = [(state.label, state.map_id) for state in answer.states]
+    else:
+        made = [(answer.label, answer.map_id)]
+    yield from ((str(label), number) for label, number in made if number is not None)
+
+
+def _report_map(
+    thermap: ThermapClient,
+    upload: Upload,
+    label: str,
+    number: int,
+    change: ErrorMapAnswer | MeasurementAnswer,
+    *,
+    is_new: bool,
+) -> None:
+    waits = list(waiting_lines(change, upload.machine, number))
+    version = change.model_version
+    if is_new:
+        active = version or thermap.machine(upload.machine).active_model
+        text = f"error map {label!r} stored as number {number}"
+        text += "" if waits else f", model version {active}"
+    else:
+        text = f"error map {label!r} was there already, number {number}"
+        text += f"; model version {version} is active" if version and change.activated else ""
+    echo(f"{upload.file}: {text}")
+    for line in waits:
+        echo(f"{upload.file}: {line}", err=True)
+
+
+def _kept_words(machine: str, label: str | None, stored: DriftVerificationAnswer) -> str:
+    """Say under which number a test's course is a verification, and what of it is new."""
+    how = "stored as" if stored.is_new else "was there already,"
+    readings = counted(stored.stored_readings, "new reading")
+    return (
+        f"verification {str(label)!r} {how} number {stored.id}: "
+        f"{counted(stored.observations, 'observation')} of {list_names(stored.components)}, and "
+        f"{readings} of the temperatures; `thermap analyse {machine}` searches it"
+    )
+
+
+def _note_unassigned(
+    thermap: ThermapClient,
+    uploads: Sequence[Upload],
+    looks: Sequence[Sent[calls.ImportedFile]],
+) -> None:
+    """Say once, before maps are stored, which of their components no table will have, and why.
+
+    Nothing is said where every component follows a sensor that is assigned to it or that the
+    chapter names.
+    """
+    by_machine: dict[str, set[str]] = {}
+    for upload, look in zip(uploads, looks, strict=True):
+        by_machine.setdefault(upload.machine, set()).update(_components_of(look.answer))
+    for machine, codes in by_machine.items():
+        sensors = [sensor.name for sensor in thermap.machine(machine).sensors]
+        try:
+            assigned = thermap.sensor_assignment(machine)
+        except UnknownThingError:
+            assigned = {}
+        without = [
+            code
+            for code in sorted(codes, key=ORDER.__getitem__)
+            if code not in assigned
+            and len(sensors) != 1
+            and COMPONENTS[code].default_sensor not in sensors
+        ]
+        if without:
+            _note_without_sensor(machine, sensors, without)
+
+
+def _components_of(answer: calls.ImportedFile) -> list[str]:
+    if isinstance(answer, MapPreview):
+        return answer.components
+    if isinstance(answer, MeasurementAnswer) and answer.preview is not None:
+        return [parse_component(entry.component)[0].code for entry in answer.components]
+    return []
+
+
+def _note_without_sensor(machine: str, sensors: Sequence[str], without: Sequence[str]) -> None:
+    usual = dict.fromkeys(COMPONENTS[code].default_sensor for code in without)
+    names = ", ".join(
+        f"{sensor} for {list_names([c for c in without if COMPONENTS[c].default_sensor == sensor])}"
+        for sensor in usual
+        if sensor
+    )
+    first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
+    echo(
+        f"note: no sensor is assigned to {list_names(without)}: tables will not have them, and "
+        "nothing can be compared with them. Machine "
+        f"{machine!r} has the sensors {list_names(sensors)}"
+        + (f", and none that is the usual one ({names})" if names else "")
+        + f". `thermap sensors assign {first} … --machine {machine}` assigns "
+        "them; once maps are stored, `thermap sensors correlate` proposes which.",
+        err=True,
+    )

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from app.cli.analyse_files import read_verifications
+from app.cli.check_files import look_at_visits
 from app.cli.controllers import write_files
-from app.cli.import_checks import settings_of_stored
+from app.cli.described import machine_of, visit_of
 from app.cli.options import (
     MachineArgument,
     UrlOption,
@@ -150,6 +150,8 @@ def _writes(make: Callable[..., MeasuringProgram]) -> Callable[..., None]:
         _write(measuring_program, **{p.name: values[p.name] for p in written})
 
     (argument, *options) = moved
+    named = {p.name for p in method_options}
+    options = [p for p in options if p.name not in named]
     command.__doc__ = make.__doc__
     command.__signature__ = Signature([argument, *method_options, *written, *options])  # type: ignore[attr-defined]
     return command
@@ -174,7 +176,7 @@ def _machine_and_manner(
     places = read_named_numbers(retract, "--retract", "a position in mm")
     manner = Manner(feed, dwell, reading, overrun, window, places or None)
     with connect(url) as thermap:
-        return settings_of_stored(thermap.machine(machine)).to_machine(), manner
+        return machine_of(thermap.machine(machine)), manner
 
 
 def _write(
@@ -425,20 +427,18 @@ def write_visit(
         typer.Argument(metavar="FILE", help="The observations, as `thermap analyse --plan` has."),
     ],
     line: LineOption = None,
+    url: UrlOption = DEFAULT_URL,
 ) -> MeasuringProgram:
     """Write a planned visit: its observations in order of time, each approached as stated.
 
     Example: `thermap program visit mcfv5050 planned.csv -c siemens --output monday`
     """
-    from app.api.schemas.analyses import PlannedVerification
-
-    (read,) = read_verifications([file], machine.id, is_planned=True)
-    for remark in read.remarks:
-        echo(f"{file}: note: {remark}", err=True)
+    with connect(url) as thermap:
+        ((_, visit),) = look_at_visits(thermap, machine.id, [file])
     return visit_program(
         machine,
         manner,
-        PlannedVerification.model_validate(read.body).to_verification(),
+        visit_of(visit.planned),
         line_mm=read_named_numbers(line, "--line", "a position in mm"),
     )
 

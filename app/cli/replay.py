@@ -29,7 +29,6 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from app.api.schemas.readings import ReadingSchema
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
 from app.cli.console import console
@@ -46,7 +45,7 @@ from app.thermal.machine import Sensor
 from app.thermal.sensor_health import CLEARLY
 from app.units import SECONDS_PER_MIN
 from thermap import DEFAULT_URL, ConflictError, InvalidContentError, ThermapClient
-from thermap.answers import CompensationAnswer, MachineAnswer, SensorSchema
+from thermap.answers import CompensationAnswer, MachineAnswer, ReadingSchema, SensorSchema
 
 _LONGEST_SLEEP_S = 0.2
 _JUMP_WITHIN = timedelta(minutes=2)

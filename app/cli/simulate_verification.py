@@ -156,7 +156,7 @@ def simulate_verification(
         planned = (
             _default_plan(thermap, machine, visits, positions, component, span)
             if plan is None
-            else _stated_plan(plan)
+            else _stated_plan(thermap, machine, plan)
         )
         rng = np.random.default_rng(seed)
         rows: list[Sequence[Any]] = []
@@ -231,11 +231,12 @@ def _parsed(name: str, option: str, parse: Any) -> Any:
         raise typer.BadParameter(error.detail, param_hint=option) from None
 
 
-def _stated_plan(file: Path) -> _Plan:
+def _stated_plan(thermap: ThermapClient, machine: str, file: Path) -> _Plan:
     """Read a plan; what it states as a set-up is a visit."""
-    from app.files.csv_verification import read_csv_verification
+    from app.cli.check_files import look_at_visits
 
-    body = read_csv_verification(file, is_planned=True).body
+    ((_, visit),) = look_at_visits(thermap, machine, [file])
+    body = visit.planned.model_dump(mode="json", exclude_unset=True)
     ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))
     setups: dict[str | None, list[Observation]] = {}
     for observation in ordered:

@@ -62,15 +62,15 @@ def store_verification_files(
 
     Example: `thermap verifications store night-shift.csv --machine vmc --preview`
     """
-    from app.cli.analyse_files import preview_verifications, read_verifications, store_verifications
+    from app.cli.check_files import look_at_checks, show_checks, store_checks
 
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
-        read = read_verifications(files, chosen)
+        read = look_at_checks(thermap, chosen, files)
         if preview:
-            preview_verifications(read)
+            show_checks(read)
         else:
-            store_verifications(thermap, chosen, read, [])
+            store_checks(thermap, read, [])
 
 
 @verifications.command("list")

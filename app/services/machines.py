@@ -44,13 +44,13 @@ from app.thermal.reading import Reading
 
 
 @repeated
-def create_machine(context: Context, machine: Machine) -> StoredMachine:
-    """Store a new machine.
+def create_machine(context: Context, machine: Machine) -> tuple[StoredMachine, bool]:
+    """Store a machine, and say whether it is new: the same again is the one that is there.
 
     Raises
     ------
     Conflict
-        If there is a machine of that id.
+        If there is a machine of that id with other settings.
     """
     try:
         with context.database.writing() as session:
@@ -58,12 +58,16 @@ def create_machine(context: Context, machine: Machine) -> StoredMachine:
             unbind_keys(session, machine.id, context.now())
             write_event(session, machine.id, EventKind.MACHINE, "machine created", context.now())
     except IntegrityError:
+        present = show_machine(context, machine.id)
+        if present.machine == machine:
+            return present, False
         raise Conflict(
-            f"there is a machine {machine.id!r} already; change it, or choose another id"
+            f"there is a machine {machine.id!r} with other settings; change it by `thermap "
+            f"machines set {machine.id} KEY=VALUE`, or choose another id"
         ) from None
     live = context.live.publish(as_live(context, stored, None, compile_version(machine, None)))
     live.reread(Arrived((), 0), (), context.usable_until())
-    return stored
+    return stored, True
 
 
 def show_machines(context: Context) -> list[StoredMachine]:

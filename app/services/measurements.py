@@ -55,12 +55,14 @@ class Measured:
 class Storing:
     """What is to become of a result: nothing, a look at what storing would do, or a map.
 
-    A preview stores nothing, whatever else is stated.
+    A preview stores nothing, whatever else is stated. `course` is whether that of a test of hours
+    becomes a verification.
     """
 
     store: bool = False
     preview: bool = False
     accept_losses: bool = False
+    course: bool = False
 
 
 def measured_machine(context: Context, machine_id: str) -> Machine:

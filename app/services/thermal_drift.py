@@ -126,8 +126,6 @@ def keep_drift(
     nest: Nest,
     recorded: Sequence[DriftReading],
     storing: Storing,
-    *,
-    as_verification: bool,
 ) -> MeasuredDrift:
     """Hand the evaluation on, and store what is asked for: maps of states, a verification, both.
 
@@ -147,7 +145,7 @@ def keep_drift(
     for state in drift.states:
         _expect_axes(machine, state)
     wants_maps = storing.store or storing.preview
-    label = _label(header) if wants_maps or as_verification else ""
+    label = _label(header) if wants_maps or storing.course else ""
     maps = [_error_map(header, state, drift.result) for state in states] if wants_maps else []
     refused = _refused_beside(context, machine, states)
     if maps:
@@ -156,7 +154,7 @@ def keep_drift(
         previews = [preview_error_map(context, machine.id, error_map) for error_map in maps]
     verification, stored_verification = None, None
     about: list[str] = []
-    if as_verification and not storing.preview:
+    if storing.course and not storing.preview:
         verification = _verification(label, drift, nest, recorded, header.repeatability_um)
         stored_verification = _keep_verification(context, machine, verification, recorded)
     elif refused and not maps:

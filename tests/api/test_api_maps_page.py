@@ -174,7 +174,7 @@ async def test_an_instruments_file_is_shown_and_stored_as_its_measurement_is(cli
     }
     again = await client.post(f"{ROOM}/measurements/positioning", params={"store": True}, json=body)
     assert again.status_code == 200, again.text
-    assert again.json()["map_id"] == stored.json()["id"]
+    assert again.json()["map_id"] == stored.json()["map_id"]
 
 
 SIX_ERRORS = """# label: axis X

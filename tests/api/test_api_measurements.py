@@ -6,14 +6,14 @@ What each method computes is tested in tests/measurement; here is what HTTP adds
 import numpy as np
 import pytest
 
-from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
-from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
-from app.api.schemas.measurements.drift import ThermalDriftRequest
-from app.api.schemas.measurements.parts import (
-    DrilledPlateRequest,
-    MachinedPartRequest,
-    RotaryAxisRequest,
-)
+from app.api.methods.body_diagonal import BodyDiagonalRequest
+from app.api.methods.drilled_plate import DrilledPlateRequest
+from app.api.methods.machined_part import MachinedPartRequest
+from app.api.methods.positioning import PositioningRequest
+from app.api.methods.rotary_axis import RotaryAxisRequest
+from app.api.methods.six_dof import SixDofRequest
+from app.api.methods.step_diagonal import StepDiagonalRequest
+from app.api.methods.thermal_drift import ThermalDriftRequest
 from tests.service_examples import (
     MACHINE,
     ROOM,

@@ -114,7 +114,7 @@ async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(
     going_on, lock = threading.Event(), threading.Lock()
     now, met = [], []
 
-    def wait(*_asked):
+    def wait(*_asked, **_stated):
         with lock:
             now.append(1)
             met.append((len(now), gc.isenabled(), app.state.turns._free.value))

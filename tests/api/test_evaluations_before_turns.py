@@ -5,8 +5,7 @@ from contextlib import AsyncExitStack
 
 import pytest
 
-from app.api import evaluations
-from app.api.routes import measurements
+from app.api.methods import positioning
 from app.api.turns import AT_WORK
 from tests.service_examples import ROOM
 
@@ -51,17 +50,16 @@ def as_file(client):
 async def test_readings_are_evaluated_while_others_have_every_turn(app, client, monkeypatch, send):
     first = await send(client)  # it brings the machine into memory
     assert first.status_code == 200, first.text
-    evaluate = evaluations.positioning_of
+    evaluate = positioning.evaluate_positioning
     evaluated = asyncio.Event()
     loop = asyncio.get_running_loop()
 
-    def noticed(body):
-        found = evaluate(body)
+    def noticed(*readings, **stated):
+        found = evaluate(*readings, **stated)
         loop.call_soon_threadsafe(evaluated.set)
         return found
 
-    for module in (evaluations, measurements):
-        monkeypatch.setattr(module, "positioning_of", noticed)
+    monkeypatch.setattr(positioning, "evaluate_positioning", noticed)
     async with asyncio.timeout(SOON_S):
         async with AsyncExitStack() as others:
             for _ in range(AT_WORK):

@@ -9,8 +9,8 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from app.api.methods.positioning import TargetAnswer
 from app.api.schemas.accuracy import LinesAnswer
-from app.api.schemas.measurements.axes import TargetAnswer
 from app.api.schemas.models import AdoptedEffectAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.effects.driver import StepAfter

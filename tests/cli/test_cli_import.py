@@ -33,7 +33,7 @@ def write(tmp_path):
 def test_a_csv_map_is_stored_once(thermap, client, write):
     file = write("run-7.csv", CSV)
     first = thermap("import", file, "--machine", "mcfv5050")
-    note = "note: without a temperature, y-front cannot stand in for x-middle\n"
+    note = f"{file}: note: without a temperature, y-front cannot stand in for x-middle\n"
     assert (first.exit_code, first.stderr) == (0, note)
     number = client.error_maps("mcfv5050")[-1].id
     assert first.stdout.splitlines() == [
@@ -56,10 +56,10 @@ def test_what_is_unusual_about_several_maps_is_said_once(thermap, write):
         files.append(write(f"{i}.csv", text.replace("z-column: 36", f"z-column: {t_c + 2}")))
     found = thermap("import", *files, "--machine", "mcfv5050", "--accept-losses")
     assert found.exit_code == 0, found.output
-    said = [line for line in found.stderr.splitlines() if line.startswith("note: ")]
-    assert said == [
-        "note: EXX, EZZ have one position each: their errors count as the same on the whole axis",
-        "note: without a temperature, y-front cannot stand in for x-middle",
+    said = [line for line in found.stderr.splitlines() if ": note: " in line]
+    assert [line.removeprefix(f"{files[0]}: note: ") for line in said] == [
+        "EXX, EZZ have one position each: their errors count as the same on the whole axis",
+        "without a temperature, y-front cannot stand in for x-middle",
     ]
 
 
@@ -68,7 +68,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     found = thermap("import", right, wrong, "--machine", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr == (
-        "thermap: nothing was sent:\n"
+        "thermap: nothing was stored:\n"
         f"{wrong}, line 10, column 3 (error_um): expected a number in µm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
@@ -103,20 +103,22 @@ def test_what_the_service_answers_can_be_imported(thermap, client, write):
 
 
 def test_a_machine_that_is_there_with_other_settings(thermap, write):
-    found = thermap("import", write("machine.json", MACHINE | {"name": "Another"}))
+    file = write("machine.json", MACHINE | {"name": "Another"})
+    found = thermap("import", file)
     assert found.exit_code == 1
-    assert "machine mcfv5050 is there with other settings; `thermap machines set mcfv5050 " in (
+    assert f"{file}: there is a machine 'mcfv5050' with other settings; change it by `thermap " in (
         found.stderr
     )
 
 
-def test_what_the_service_refuses_names_the_file_and_what_was_not_sent(thermap, write):
-    first = write("first.json", error_map("Run #1", 20.5))
-    second = write("second.csv", CSV)
+def test_what_is_there_otherwise_keeps_all_files_from_being_stored(thermap, client, write):
+    first = write("first.csv", CSV)
+    second = write("second.json", error_map("Run #1", 20.5))
     found = thermap("import", first, second, "--machine", "mcfv5050")
-    assert found.exit_code == 1
-    assert found.stderr.startswith(f"thermap: {first}: machine 'mcfv5050' has another error map")
-    assert found.stderr.endswith(f"(not sent after it: {second})\n")
+    assert (found.exit_code, found.stdout) == (1, "")
+    why = "machine 'mcfv5050' has another error map 'Run #1' (number 1); choose another label"
+    assert found.stderr.startswith(f"thermap: nothing was stored:\n{second}: {why}")
+    assert len(client.error_maps("mcfv5050")) == 3
 
 
 def test_a_sensor_that_the_machine_lacks_is_found_before_anything_is_sent(thermap, client, write):
@@ -124,7 +126,9 @@ def test_a_sensor_that_the_machine_lacks_is_found_before_anything_is_sent(therma
     wrong = write("wrong.csv", CSV.replace("z-column", "bed"))
     found = thermap("import", right, wrong, "--machine", "mcfv5050")
     assert found.exit_code == 1
-    assert f"nothing was sent: {wrong}: machine 'mcfv5050' has no sensor 'bed'" in found.stderr
+    assert found.stderr.startswith(
+        f"thermap: nothing was stored:\n{wrong}: temperatures_c.bed: machine 'mcfv5050' has no "
+    )
     assert len(client.error_maps("mcfv5050")) == 3
 
 
@@ -161,14 +165,14 @@ def test_warnings_of_the_service_are_seen(thermap, write):
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ('{"id": "m",\n "name" }', ", line 2, column 9: expected JSON: "),
+        ('{"id": "m",\n "name" }', ": expected JSON: expected `:` at line 2 column 9"),
         ('[{"id": "m", "id": "n"}]', ": expected each name once in an object, got id twice"),
         ("[]", ": expected a machine, an error map or readings, got an empty list"),
         ('[{"hello": 1}, 7]', ": entry 1: expected a machine (with configuration), an error map"),
         ('{"configuration": "XYFZ", "id": "m"}', ": name: expected a value, got nothing"),
         ('{"configuration": "XYZ", "id": "m", "name": "M"}', "XYZ"),
         (json.dumps(error_map("a", float("nan"))), "temperatures_c.x-middle: expected a finite nu"),
-        (json.dumps([reading(START, 20.0) | {"time": "noon"}]), ": entry 1: time: expected "),
+        (json.dumps([reading(START, 20.0) | {"time": "noon"}]), ": 0.time: expected "),
         (json.dumps(error_map("a", 20.0, colour="red")), ": colour: unknown field"),
         (json.dumps(error_map("a", 20.0, components=[{"component": "EXQ"}])), "components.0"),
     ],
@@ -177,7 +181,7 @@ def test_json_that_cannot_be_right(thermap, write, content, complaint):
     file = write("wrong.json", content)
     found = thermap("import", file, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"thermap: nothing was sent:\n{file}")
+    assert found.stderr.startswith(f"thermap: nothing was stored:\n{file}")
     assert complaint in found.stderr
 
 

@@ -10,8 +10,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
+from app.api.methods.registry import METHODS
 from app.cli.measurement_view import figure_text
-from app.files.csv_measurements import METHODS, read_csv_measurement
 from tests.files.test_csv_measurements import EXAMPLES
 from tests.files.test_renishaw_rtl import BOTH_WAYS
 from tests.service_examples import MACHINE, START, error_map, iso, reading, table, temperatures
@@ -148,7 +148,7 @@ def test_without_a_thermal_state_nothing_can_be_stored(thermap, client, write):
     found = thermap("import", "--method", "positioning", *files, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     csv, body = files
-    assert found.stderr.startswith(f"thermap: nothing was sent:\n{csv}: expected a label, got none")
+    assert found.stderr.startswith(f"thermap: nothing was stored:\n{csv}: expected a label, got")
     for what, option in (
         ("a label", "--label"),
         ("every sensor's temperature in °C", "--temperature"),
@@ -162,7 +162,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     found = thermap("import", "--method", "positioning", right, wrong, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr.startswith(
-        f"thermap: nothing was sent:\n{wrong}, line 17, column 4 (deviation_mm): "
+        f"thermap: nothing was stored:\n{wrong}, line 17, column 4 (deviation_mm): "
         "expected a number in mm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
@@ -187,24 +187,25 @@ def test_what_a_method_refuses_in_one_file_keeps_all_from_being_stored(thermap, 
     wrong = write("wrong.csv", STATE.replace("Measured", "Few") + few)
     found = thermap("import", "--method", "step-diagonal", right, wrong, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"thermap: nothing was stored: {wrong}: diagonals: expected")
+    assert found.stderr.startswith(f"thermap: nothing was stored:\n{wrong}: diagonals: expected")
     assert len(client.error_maps("mcfv5050")) == 3
 
 
-def test_what_is_there_otherwise_names_the_file_and_what_was_not_sent(thermap, write):
+def test_what_is_there_otherwise_names_the_file(thermap, write):
     taken = write("taken.csv", STATE.replace("Measured", "Run #1") + POSITIONING)
     later = write("later.csv", STATE + POSITIONING)
     found = thermap("import", "--method", "positioning", taken, later, "-m", "mcfv5050")
     assert found.exit_code == 1
-    assert found.stderr.startswith(f"thermap: {taken}: machine 'mcfv5050' has another error map")
-    assert found.stderr.endswith(f"(not sent after it: {later})\n")
+    assert found.stderr.startswith(
+        f"thermap: nothing was stored:\n{taken}: machine 'mcfv5050' has another error map"
+    )
 
 
 def test_a_sensor_that_the_machine_lacks(thermap, client, write):
     file = write("x.csv", STATE.replace("spindle", "bed") + POSITIONING)
     found = thermap("import", "--method", "positioning", file, "-m", "mcfv5050")
     assert found.exit_code == 1
-    assert f"nothing was sent: {file}: machine 'mcfv5050' has no sensor 'bed'" in found.stderr
+    assert f"{file}: temperatures_c.bed: machine 'mcfv5050' has no sensor 'bed'" in found.stderr
     assert len(client.error_maps("mcfv5050")) == 3
 
 
@@ -229,18 +230,17 @@ def test_the_machine_is_named_by_the_file_or_the_option(thermap, write):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "exit_code", "said"),
     [
-        (("--method", "dowsing"), "expected one of step-diagonal, body-diagonal, positioning, "
-         "six-dof, machined-part, rotary-axis, drilled-plate, thermal-drift, got 'dowsing'"),
-        (("--evaluate-only",), "goes with --method"),
-        (("--json",), "goes with --method"),
-        (("--method", "positioning", "other.csv", "--label", "one"), "names one map"),
+        (("--method", "dowsing"), 1, "expected one of positioning, six-dof, step-diagonal, "
+         "body-diagonal, machined-part, drilled-plate, rotary-axis, thermal-drift, got 'dowsing'"),
+        (("--method", "positioning", "other.csv", "--label", "one"), 2, "names one map"),
+        (("--as", "both"), 2, "with --method thermal-drift"),
     ],
 )  # fmt: skip
-def test_wrong_usage_is_told(thermap, write, arguments, said):
+def test_wrong_usage_is_told(thermap, write, arguments, exit_code, said):
     found = thermap("import", write("x.csv", POSITIONING), "-m", "mcfv5050", *arguments)
-    assert found.exit_code == 2
+    assert found.exit_code == exit_code
     assert said in " ".join(found.stderr.replace("│", " ").split())
 
 
@@ -248,7 +248,7 @@ def test_wrong_usage_is_told(thermap, write, arguments, said):
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ('{"axis": "x",\n "targets_mm" }', ", line 2, column 15: expected JSON: "),
+        ('{"axis": "x",\n "targets_mm" }', ": expected JSON, got none: expected `:` at line 2"),
         ("[]", ": expected the fields of a positioning measurement, got list"),
         ({"axis": "x", "targets_mm": [0, 1]}, ": forward_um: expected a value in µm, got nothing"),
         ({"axis": "x", "targets_mm": [0], "forward_um": [float("nan")]}, ": forward_um.0: "),
@@ -262,7 +262,7 @@ def test_json_that_cannot_be_right(thermap, write, content, complaint):
     found = thermap("import", "--method", "positioning", file, "-m", "mcfv5050",
                     "--evaluate-only")  # fmt: skip
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"thermap: nothing was sent:\n{file}{complaint}")
+    assert found.stderr.startswith(f"thermap: nothing was stored:\n{file}{complaint}")
 
 
 def test_the_sources_points_of_its_a_axis_turn_about_y_and_are_refused(thermap, write):
@@ -370,7 +370,7 @@ def test_written_and_read_it_is_what_the_service_said(thermap, client, tmp_path)
         "target": "flat-mirror",
     }
     said = client.simulate_step_diagonal("mcfv5050", plan)
-    read = read_csv_measurement("step-diagonal", file.read_text(encoding="utf-8"), complete=True)
+    read = METHODS["step-diagonal"].read(file.read_text(encoding="utf-8"), complete=True)
     (unread,) = read.remarks
     assert (read.machine, unread[:33]) == ("mcfv5050", "comment lines that are not read: ")
     age = datetime.now(UTC) - datetime.fromisoformat(read.body["measured_at"])
@@ -413,7 +413,7 @@ def test_at_the_latest_reading(thermap, client, tmp_path):
     assert not file.exists()
     client.store_readings("mcfv5050", reading(datetime.now(UTC), 22.0))
     assert thermap(*asked).exit_code == 0
-    body = read_csv_measurement("step-diagonal", file.read_text(encoding="utf-8")).body
+    body = METHODS["step-diagonal"].read(file.read_text(encoding="utf-8")).body
     assert body["temperatures_c"]["x-middle"] == 22.0
 
 
@@ -469,8 +469,16 @@ def test_an_instruments_file_is_imported(thermap, tmp_path):
     stored = thermap("import", path, "--machine", "mcfv5050", *stated, "--label", "rtl")
     assert stored.exit_code == 0
     assert "error map 'rtl' stored" in stored.stdout
-    assert thermap("import", path, "--method", "six-dof").exit_code == 1
-    other = tmp_path / "map.csv"
-    other.write_text("component,position_mm,error_um\n")
-    assert thermap("import", path, other).exit_code == 2
-    assert thermap("import", other, "--axis", "x").exit_code == 2
+    other = thermap("import", path, "-m", "mcfv5050", "--method", "six-dof")
+    assert other.exit_code == 1
+    assert "expected positioning, which" in " ".join(other.stderr.split())
+
+
+@pytest.mark.parametrize("options", [("--evaluate-only",), ("--axis", "x")])
+def test_what_goes_with_readings_alone_is_refused_of_a_map(thermap, write, options):
+    file = write("map.csv", STATE + "component,position_mm,error_um\nEXX,0,0\nEXX,500,8\n")
+    found = thermap("import", file, "-m", "mcfv5050", *options)
+    assert found.exit_code == 1
+    assert "expected with readings alone, but map.csv holds a map".replace(
+        "map.csv", str(file)
+    ) in (" ".join(found.stderr.split()))

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.cli.analyse_files import read_verifications
+from app.api.schemas.verifications import VerificationRequest
 from app.cli.simulate_campaign import EFFECTS, IN_NO_FAMILY
 from app.simulation.undeclared import FAMILIES, UNKNOWN, make_campaign, make_record
 
@@ -37,7 +37,7 @@ def test_files_are_read_by_import_and_analyse(thermap, tmp_path):
     others = [file for file in folder.iterdir() if file.name != "truth.json"]
     assert all("contribution" not in file.read_text(encoding="utf-8") for file in others)
     files = sorted(folder.glob("verification-*.json"))
-    assert [dict(one.body) for one in read_verifications(files, "practice")]
+    assert all(VerificationRequest.model_validate(stored(file)).to_verification() for file in files)
     assert [stored(file) for file in files] == made.verifications
     sent = [
         folder / "machine.json",

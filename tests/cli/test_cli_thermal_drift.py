@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from app.files.csv_measurements import read_csv_measurement
+from app.api.methods.registry import METHODS
 from app.files.delimited_text import UnreadableFile
 from tests.service_examples import START, reading
 
@@ -17,7 +17,7 @@ ROWS = (
 
 
 def read(text):
-    return read_csv_measurement("thermal-drift", text).body
+    return METHODS["thermal-drift"].read(text).body
 
 
 @pytest.fixture
@@ -140,9 +140,7 @@ def test_who_only_looks_is_told_what_storing_would_refuse(thermap, tmp_path):
 
 def test_a_file_for_maps_needs_a_label_and_no_temperature_of_its_own():
     with pytest.raises(UnreadableFile) as caught:
-        read_csv_measurement(
-            "thermal-drift", HEAD.replace("# label: Warm-up\n", "") + ROWS, complete=True
-        )
+        METHODS["thermal-drift"].read(HEAD.replace("# label: Warm-up\n", "") + ROWS, complete=True)
     assert caught.value.detail.splitlines() == [
         "measurement.csv: expected a label, got none: write `# label: Run #1` or give --label"
     ]

@@ -10,18 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.api.schemas.measurements.axes import PositioningRequest, SixDofRequest
-from app.api.schemas.measurements.diagonals import BodyDiagonalRequest, StepDiagonalRequest
-from app.api.schemas.measurements.drift import ThermalDriftRequest
-from app.api.schemas.measurements.parts import (
-    DrilledPlateRequest,
-    MachinedPartRequest,
-    RotaryAxisRequest,
-)
-from app.errors import InvalidContent
+from app.api.methods.registry import METHODS
 from app.files.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
 from app.files.csv_comments import Header
-from app.files.csv_measurements import FORMATS, METHODS, read_csv_measurement
 from app.files.delimited_text import UnreadableFile
 from app.geometry.chain import Chain
 from app.geometry.work_volume import WorkVolume
@@ -47,7 +38,7 @@ STATE = """\
 
 def read_measurement(method, text, **options):
     """Give the body alone."""
-    return read_csv_measurement(method, text, **options).body
+    return METHODS[method].read(text, **options).body
 
 
 def examples():
@@ -70,28 +61,16 @@ def complaints(method, text, **options):
 
 
 def test_the_page_has_a_file_of_every_method():
-    assert tuple(EXAMPLES) == METHODS
+    assert EXAMPLES.keys() == METHODS.keys()
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_files_on_the_page_have_their_bodies(method):
     table, body = EXAMPLES[method]
-    found = read_csv_measurement(method, table)
+    found = METHODS[method].read(table)
     assert found.body == body
     assert (found.machine, found.remarks) == (None, [])
     assert json.loads(json.dumps(found.body)) == body
-
-
-REQUESTS = {
-    "step-diagonal": StepDiagonalRequest,
-    "body-diagonal": BodyDiagonalRequest,
-    "positioning": PositioningRequest,
-    "six-dof": SixDofRequest,
-    "machined-part": MachinedPartRequest,
-    "rotary-axis": RotaryAxisRequest,
-    "drilled-plate": DrilledPlateRequest,
-    "thermal-drift": ThermalDriftRequest,
-}
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -99,7 +78,7 @@ def test_the_service_knows_every_field_of_a_body(method):
     table, body = EXAMPLES[method]
     state = STATE + "# instrument: laser\n# repeatability_um: 0.5\n"
     found = read_measurement(method, state + table, complete=True)
-    request = REQUESTS[method].model_validate(found)
+    request = METHODS[method].request.model_validate(found)
     sent = request.model_dump(exclude_unset=True, mode="json")
     assert {name: sent[name] for name in body} == body
     assert sent.keys() == found.keys()
@@ -107,8 +86,8 @@ def test_the_service_knows_every_field_of_a_body(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_service_knows_every_comment_line_that_a_method_reads(method):
-    known = {one.thing.full for one in FORMATS[method].statements}
-    fields = REQUESTS[method].model_fields.keys() | {f"volume_{axis}_mm" for axis in "xyz"}
+    known = {one.thing.full for one in METHODS[method].file.statements}
+    fields = METHODS[method].request.model_fields.keys() | {f"volume_{axis}_mm" for axis in "xyz"}
     assert known <= fields
 
 
@@ -173,7 +152,7 @@ def test_as_spreadsheets_write_it(method, ends):
 def test_the_thermal_state_is_in_the_body():
     table, body = EXAMPLES["machined-part"]
     extra = "# machine: mcfv5050\n# instrument: CMM\n# repeatability [mm]: 0,0003\n"
-    found = read_csv_measurement("machined-part", STATE + extra + table, complete=True)
+    found = METHODS["machined-part"].read(STATE + extra + table, complete=True)
     assert found.body == body | {
         "label": "Run #1",
         "measured_at": "2026-03-01T06:00:00Z",
@@ -210,7 +189,7 @@ def test_what_is_not_read_is_said():
     text = (
         "# axis: x\n# operator: me\nposition_mm,linear_um,linear_error_of_x_um,EYY_um,by\n0,1,,2,me"
     )
-    found = read_csv_measurement("six-dof", text)
+    found = METHODS["six-dof"].read(text)
     assert found.body == {"axis": "x", "positions_mm": [0.0], "linear_um": [1.0]}
     unread, columns = found.remarks
     assert unread.startswith("line 2: 'operator' is not read; what is: label, measured_at,")
@@ -480,11 +459,6 @@ def test_files_without_what_they_need(method):
     assert found == ["run.csv: expected lines of values, got none"]
 
 
-def test_an_unknown_method():
-    with pytest.raises(InvalidContent, match=r"method: expected one of step-diagonal, .* got 'x'"):
-        read_measurement("x", "")
-
-
 MEASURED = data_folder() / "ess-target-drive" / "iso230_2_deviations.csv"
 
 
@@ -494,7 +468,7 @@ def test_a_measured_positioning_test_is_read_as_it_stands():
     lines = MEASURED.read_text(encoding="utf-8").splitlines()
     first = next(csv.reader(lines[1:2]))[0]
     kept = [lines[0], *(line for line in lines[1:] if line.startswith(first))]
-    found = read_csv_measurement("positioning", "\n".join(["# axis: x", *kept]))
+    found = METHODS["positioning"].read("\n".join(["# axis: x", *kept]))
     shape = np.shape(found.body["forward_um"])
     assert shape == np.shape(found.body["backward_um"]) == (5, len(found.body["targets_mm"]))
     assert found.remarks == ["columns that are not read: test, position_index, measured_mm"]

@@ -5,11 +5,11 @@ from datetime import datetime
 import pytest
 from openpyxl import Workbook
 
+from app.api.methods.registry import METHODS
 from app.api.uploaded_map import read_error_map
-from app.cli.analyse_files import read_verifications
+from app.api.uploaded_verification import read_uploaded_verification
 from app.cli.csv_recording import read_recording
 from app.files.csv_comments import Header
-from app.files.csv_measurements import read_csv_measurement
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile, read_text
 
@@ -23,7 +23,7 @@ READERS = {
     ),
     "method": (
         [["# axis: x"], ["target_mm", "forward_um"], [0, 0.5], [50.5, 1.25]],
-        lambda file: read_csv_measurement("positioning", read_text(file)).body["forward_um"],
+        lambda file: METHODS["positioning"].read(read_text(file)).body["forward_um"],
         [[0.5, 1.25]],
     ),
     "verification": (
@@ -167,7 +167,7 @@ HEADERS = {
         [["# axis", "x"], ["# repeatability", 0.5, "µm"]],
         lambda file: {
             k: v
-            for k, v in read_csv_measurement("positioning", read_text(file)).body.items()
+            for k, v in METHODS["positioning"].read(read_text(file)).body.items()
             if k in ("axis", "repeatability_um")
         },
         {"axis": "x", "repeatability_um": 0.5},
@@ -267,8 +267,8 @@ def test_sizes_are_judged_in_verifications_too(tmp_path):
     file = tmp_path / "night.csv"
     head = "time,component,position_mm,measured_um\n"
     file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,0.004\n", encoding="utf-8")
-    (found,) = read_verifications([file], "vmc")
-    (remark,) = found.remarks
+    found = read_uploaded_verification(file.read_bytes(), file.name, "vmc")
+    (remark,) = found.verification.remarks
     assert remark.startswith("No reading is larger than 0.004 µm (measured_um): they may be in mm")
     file.write_text(head + "2026-03-01T06:00:00Z,EXX,5,20000\n", encoding="utf-8")
     with pytest.raises(UnreadableFile, match=r"line 2: expected errors within ±10000 µm, got 200"):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from openpyxl import Workbook
 
+from app.api.methods.registry import METHODS
 from app.api.uploaded_map import read_uploaded_map
 from app.api.uploaded_verification import read_uploaded_verification
 from app.cli.csv_recording import read_recording
@@ -18,7 +19,6 @@ from app.connections.config import read_connections
 from app.controllers.format import ControllerFile
 from app.errors import InvalidContent
 from app.files.csv_comments import Header
-from app.files.csv_measurements import METHODS, read_csv_measurement
 from app.files.delimited_text import UnreadableFile, text_of
 from app.services.controllers import parse_files
 from tests.controllers.example_tables import NEEDED
@@ -148,8 +148,8 @@ def test_verifications(hostile_inputs):
 
 def test_measurements(hostile_inputs):
     def read(random_, content):
-        method = random_.choice(METHODS)
-        read_csv_measurement(method, text_of(content, Path("a")), header=STATED, complete=True)
+        method = random_.choice(list(METHODS))
+        METHODS[method].read(text_of(content, Path("a")), header=STATED, complete=True)
 
     each(hostile_inputs, measurements(), read)
 
@@ -247,7 +247,7 @@ async def test_no_file_is_answered_with_an_error_of_ours(hostile_inputs, furnish
                     )
                 else:
                     samples = [MAP] if kind == 2 else [*measurements(), BOTH_WAYS.encode()]
-                    method = {} if kind == 2 else {"method": random_.choice(METHODS)}
+                    method = {} if kind == 2 else {"method": random_.choice(list(METHODS))}
                     answer = await client.post(
                         "/v1/machines/mcfv5050/files",
                         params={

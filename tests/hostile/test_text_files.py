@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from app.api.methods.registry import METHODS
 from app.api.uploaded_map import parse_error_map
 from app.controllers import lines
 from app.controllers.format import ControllerFile
@@ -13,7 +14,6 @@ from app.decimal_text import LONGEST_NUMBER, read_number
 from app.errors import InvalidContent
 from app.files import delimited_text
 from app.files.csv_comments import Header
-from app.files.csv_measurements import read_csv_measurement
 from app.files.csv_verification import parse_csv_verification
 from app.files.delimited_text import Problems, UnreadableFile, parse_delimited, split_lines
 from app.files.instrument_files.renishaw_rtl import read_renishaw_rtl
@@ -139,7 +139,7 @@ def steps_of(read, *given):
 
 
 def measurement(method):
-    return lambda text: read_csv_measurement(method, text, header=STATED)
+    return lambda text: METHODS[method].read(text, header=STATED)
 
 
 RTL = (

@@ -9,10 +9,10 @@ import io
 import numpy as np
 import pytest
 
-from app.api.schemas.measurements.drift import ThermalDriftRequest
+from app.api.methods.registry import METHODS
+from app.api.methods.thermal_drift import ThermalDriftRequest
 from app.api.schemas.verifications import VerificationRequest
 from app.files.csv_comments import Header
-from app.files.csv_measurements import read_csv_measurement
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile
 from app.geometry.body_diagonal import DIAGONALS, diagonal_displacements
@@ -57,7 +57,7 @@ def filled(content, value_of):
 
 def read_map(name, method, value_of):
     content = filled(PROGRAMS[name].readings.content, value_of)
-    return read_csv_measurement(method, content, header=STATED, complete=True)
+    return METHODS[method].read(content, header=STATED, complete=True)
 
 
 @pytest.mark.parametrize(
@@ -67,18 +67,18 @@ def read_map(name, method, value_of):
 def test_an_empty_file_is_refused(name, method):
     content = PROGRAMS[name].readings.content
     with pytest.raises(UnreadableFile) as refusal:
-        read_csv_measurement(method, content, header=STATED, complete=True)
+        METHODS[method].read(content, header=STATED, complete=True)
     assert "got none" in refusal.value.detail
     full = filled(content, lambda row, column: 0.0 if column.endswith("_um") else None)
     with pytest.raises(UnreadableFile) as refusal:
-        read_csv_measurement(method, full, complete=True)
+        METHODS[method].read(full, complete=True)
     for lacking in ("a label", "a time with its zone", "the temperature of x-middle"):
         assert f"expected {lacking}" in refusal.value.detail
     # Half of the temperatures are not enough, and what is only looked at needs none.
     half = Header(STATED.label, STATED.measured_at, {"x-middle": 20.0})
     with pytest.raises(UnreadableFile, match="temperature of z-column in °C, got none"):
-        read_csv_measurement(method, full, header=half, complete=True)
-    assert read_csv_measurement(method, full).machine == "mcfv5050"
+        METHODS[method].read(full, header=half, complete=True)
+    assert METHODS[method].read(full).machine == "mcfv5050"
 
 
 def test_positioning_is_found_again():
@@ -182,7 +182,7 @@ def test_a_warm_up_at_one_place_is_a_drift_test(distance_mm):
     content = program.readings.content
     assert "thermap import --method thermal-drift FILE" in program.readings.command
     with pytest.raises(UnreadableFile, match="got none"):
-        read_csv_measurement("thermal-drift", content, header=Header("warm"), complete=True)
+        METHODS["thermal-drift"].read(content, header=Header("warm"), complete=True)
 
     def value(row, column):
         if column.startswith("temperature"):
@@ -192,7 +192,7 @@ def test_a_warm_up_at_one_place_is_a_drift_test(distance_mm):
         return slopes[column] * grown if column in slopes else None
 
     stated = Header("warm")
-    read = read_csv_measurement("thermal-drift", filled(content, value), header=stated)
+    read = METHODS["thermal-drift"].read(filled(content, value), header=stated)
     drift = ThermalDriftRequest.model_validate(read.body)
     assert [one.state["spindle_rpm"] for one in drift.readings] == [0, 6000, 6000, 0]
     assert drift.readings[2].z_um == pytest.approx(10.0)
@@ -201,7 +201,7 @@ def test_a_warm_up_at_one_place_is_a_drift_test(distance_mm):
     assert drift.readings[1].time < drift.running_to < drift.readings[2].time
     without_start = content.replace("# running_from: 2026", "# running_from: ")
     with pytest.raises(UnreadableFile, match="expected a time with its zone"):
-        read_csv_measurement("thermal-drift", without_start, header=stated)
+        METHODS["thermal-drift"].read(without_start, header=stated)
     assert (drift.sensor_distance_mm, drift.readings[2].x2_um) == (
         (distance_mm, pytest.approx(2.0)) if distance_mm else (None, None)
     )
@@ -215,7 +215,7 @@ def test_in_place_it_runs_until_it_is_stopped_after_its_last_reading(steps):
     )  # fmt: skip
     content = filled(program.readings.content, lambda *_: 0.0)
     drift = ThermalDriftRequest.model_validate(
-        read_csv_measurement("thermal-drift", content, header=Header("warm")).body
+        METHODS["thermal-drift"].read(content, header=Header("warm")).body
     )
     turning = [one.time for one in drift.readings if one.state["spindle_rpm"]]
     assert drift.running_to == turning[-1]

@@ -214,8 +214,10 @@ class AsyncThermapClient:
         temperatures_c: Mapping[str, float] | None = None,
         axis: str | None = None,
         method: str | None = None,
+        store: bool = True,
         preview: bool = False,
         accept_losses: bool = False,
+        store_verification: bool = False,
     ) -> calls.ImportedFile:
         """Store a file: an error map, an instrument's readings, or check measurements.
 
@@ -229,7 +231,12 @@ class AsyncThermapClient:
         label, measured_at, temperatures_c, axis
             Of a map, where its file has none: name, time, every sensor's temperature [°C], axis.
         method
-            By which method it was measured, where it is a table of readings (`positioning` …).
+            By which method it was measured, where it is a table of readings (`positioning` …); the
+            answer is that of `measure_positioning` … then.
+        store
+            Whether a map is stored; readings may be evaluated alone.
+        store_verification
+            Whether the course of a drift test becomes a verification.
         """
         beside = {
             "kind": kind,
@@ -239,8 +246,10 @@ class AsyncThermapClient:
             "axis": axis,
             "method": method,
         }
-        storing = calls.Storing(accept_losses=accept_losses, preview=preview)
-        return await self.send(calls.import_file(machine, Path(path), beside, storing))
+        storing = calls.Storing(store, accept_losses, preview, store_verification)
+        file = Path(path)
+        content = file.read_bytes()
+        return await self.send(calls.send_file(machine, file.name, content, beside, storing))
 
     async def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
         """List a machine's error maps in the order in which they were stored."""

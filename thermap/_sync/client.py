@@ -212,8 +212,10 @@ class ThermapClient:
         temperatures_c: Mapping[str, float] | None = None,
         axis: str | None = None,
         method: str | None = None,
+        store: bool = True,
         preview: bool = False,
         accept_losses: bool = False,
+        store_verification: bool = False,
     ) -> calls.ImportedFile:
         """Store a file: an error map, an instrument's readings, or check measurements.
 
@@ -227,7 +229,12 @@ class ThermapClient:
         label, measured_at, temperatures_c, axis
             Of a map, where its file has none: name, time, every sensor's temperature [°C], axis.
         method
-            By which method it was measured, where it is a table of readings (`positioning` …).
+            By which method it was measured, where it is a table of readings (`positioning` …); the
+            answer is that of `measure_positioning` … then.
+        store
+            Whether a map is stored; readings may be evaluated alone.
+        store_verification
+            Whether the course of a drift test becomes a verification.
         """
         beside = {
             "kind": kind,
@@ -237,8 +244,10 @@ class ThermapClient:
             "axis": axis,
             "method": method,
         }
-        storing = calls.Storing(accept_losses=accept_losses, preview=preview)
-        return self.send(calls.import_file(machine, Path(path), beside, storing))
+        storing = calls.Storing(store, accept_losses, preview, store_verification)
+        file = Path(path)
+        content = file.read_bytes()
+        return self.send(calls.send_file(machine, file.name, content, beside, storing))
 
     def error_maps(self, machine: str) -> list[ErrorMapAnswer]:
         """List a machine's error maps in the order in which they were stored."""

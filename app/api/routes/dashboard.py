@@ -18,6 +18,7 @@ from app.api.dependencies import (
     VerificationPath,
     VersionPath,
 )
+from app.api.methods.registry import TITLES
 from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.events import BeforeQuery
@@ -93,7 +94,7 @@ def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> Pa
         for connection in reports.now().connections
         if machine in connection.machines
     ]
-    return Page(setup_page(view, sources, context.now()), scripts=0, headers=_HEADERS)
+    return Page(setup_page(view, sources, context.now(), TITLES), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}", response_class=Page)
@@ -151,7 +152,7 @@ def get_loop(
 ) -> Page:
     """Show a machine's checks, and what an analysis of them found; the newest if none is stated."""
     view = show_loop(context, machine, analysis)
-    return Page(loop_page(view, context.now()), scripts=0, headers=_HEADERS)
+    return Page(loop_page(view, context.now(), TITLES), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/loop/residuals/{verification}", response_class=Page)
@@ -188,7 +189,7 @@ def get_maps(
 ) -> Page:
     """Show a machine's versions; `a` and `b` are the two that stand side by side."""
     view = show_maps_view(context, machine, a, b)
-    return Page(maps_page(view, context.now()), scripts=0, headers=_HEADERS)
+    return Page(maps_page(view, context.now(), TITLES), scripts=0, headers=_HEADERS)
 
 
 @router.get("/machines/{machine}/maps/residuals", response_class=Page)

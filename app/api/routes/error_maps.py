@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 from fastapi import Response
@@ -64,14 +63,11 @@ def post_error_map(
     answer says what is lost, and how to activate it all the same. The same content under the
     same label again answers 200 with the stored map. A preview answers 200 too.
     """
-    return answer_to_map(
-        context,
-        machine,
-        body.to_error_map(),
-        response,
-        preview=preview,
-        accept_losses=accept_losses,
-    )
+    error_map = body.to_error_map()
+    if preview:
+        response.status_code = 200
+        return PreviewAnswer.of(preview_error_map(context, machine, error_map))
+    return store_map(context, machine, error_map, response, accept_losses=accept_losses)
 
 
 @router.get("", summary="List error maps", response_model_exclude_none=True)
@@ -107,21 +103,16 @@ def delete_error_map(
     return Response(status_code=204)
 
 
-def answer_to_map(
+def store_map(
     context: Context,
     machine: str,
     error_map: ErrorMap,
     response: Response,
     *,
-    preview: bool,
     accept_losses: bool,
     notes: Sequence[str] = (),
-) -> ErrorMapAnswer | PreviewAnswer:
-    """Store a map or preview it, whichever way it came; `notes` are of its file."""
-    if preview:
-        response.status_code = 200
-        previewed = preview_error_map(context, machine, error_map)
-        return PreviewAnswer.of(replace(previewed, remarks=[*notes, *previewed.remarks]))
+) -> ErrorMapAnswer:
+    """Store a map, whichever way it came; `notes` are of its file."""
     outcome = store_error_map(context, machine, error_map, accept_losses=accept_losses)
     response.status_code = 201 if outcome.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{outcome.stored.id}"

@@ -21,11 +21,17 @@ from app.services.machines import (
 router = Router(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 
 
-@router.post("", status_code=201, summary="Create a machine")
+@router.post(
+    "",
+    status_code=201,
+    summary="Create a machine",
+    responses={200: {"model": MachineAnswer, "description": "The machine, which is there already"}},
+)
 @needs(Role.ADMIN)
 def post_machine(context: ContextDep, body: MachineSettings, response: Response) -> MachineAnswer:
-    """Create a machine with its axes and sensors."""
-    stored = create_machine(context, body.to_machine())
+    """Create a machine with its axes and sensors; the same again answers 200 with it."""
+    stored, is_new = create_machine(context, body.to_machine())
+    response.status_code = 201 if is_new else 200
     response.headers["Location"] = f"/v1/machines/{stored.machine.id}"
     return MachineAnswer.of(stored)
 

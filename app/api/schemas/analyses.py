@@ -71,6 +71,13 @@ class PlannedVerification(Schema):
         )
 
 
+class VisitPreview(Schema):
+    """A visit that is yet to be made, read from a file."""
+
+    planned: PlannedVerification = Field(description="As it may be planned with")
+    warnings: list[str] = Field(description="What of the file was not read, or may be a mistake")
+
+
 class PlanRequest(Schema):
     """What is to be measured, and which stored verifications would be analysed beside it."""
 

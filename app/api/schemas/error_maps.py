@@ -19,7 +19,7 @@ from app.api.schemas.base import (
     UtcTime,
     also,
 )
-from app.api.schemas.model_change import ModelChange
+from app.api.schemas.model_change import ModelChange, PreviewAnswer, preview_fields
 from app.api.schemas.uncertainty import (
     Covariance,
     StandardError,
@@ -37,6 +37,7 @@ from app.thermal.error_map import ComponentTable, ErrorMap
 
 if TYPE_CHECKING:
     from app.arrays import FloatArray
+    from app.services.models import Preview
     from app.storage.records import StoredMap
 
 
@@ -358,3 +359,17 @@ def shown_line(line: MeasuringLine) -> list[float] | MeasuringLineSchema:
 
 def _plain(component: Component, values: FloatArray) -> list[float] | float:
     return values.tolist() if component.is_table else float(values[0])
+
+
+class MapPreview(PreviewAnswer):
+    """What was read as a map, and what storing it would do to the tables; nothing is stored."""
+
+    label: str = Field(description="The map's name", examples=["Run #7"])
+    components: list[str] = Field(description="Codes of its components", examples=[["EXX"]])
+    read: list[str] = Field(description="What was read of the file, in lines of text")
+
+    @classmethod
+    def of_map(cls, preview: Preview, error_map: ErrorMap, read: list[str]) -> Self:
+        """Show a map that was read."""
+        fields = preview_fields(preview)
+        return cls(**fields, label=error_map.label, components=list(error_map.tables), read=read)

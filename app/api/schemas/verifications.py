@@ -253,9 +253,11 @@ class VerificationPreview(VerificationExtent):
     """That nothing is stored"""
     warnings: Sequence[str]
     """What of it was not read, or may be a mistake"""
+    read: Sequence[str]
+    """What was read of the file, in lines of text"""
 
     @classmethod
-    def of(cls, verification: Verification, warnings: Sequence[str]) -> Self:
+    def of(cls, verification: Verification, warnings: Sequence[str], read: Sequence[str]) -> Self:
         """Show a verification that was read."""
         times = [datetime.fromtimestamp(o.time_s, UTC) for o in verification.observations]
         observed = {o.component or "points" for o in verification.observations}
@@ -270,6 +272,7 @@ class VerificationPreview(VerificationExtent):
             count=len(times),
             components=sorted(observed, key=lambda name: ORDER.get(name, len(ORDER))),
             warnings=warnings,
+            read=read,
         )
 
 

@@ -7,12 +7,11 @@ table holds the readings. Units stand in the names and bind: `linear_um` or
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from app.errors import InvalidContent, list_names
 from app.files.csv_comments import (
     Header,
     complain_of_missing,
@@ -20,31 +19,7 @@ from app.files.csv_comments import (
     with_stated,
 )
 from app.files.csv_measurements.formats import Format
-from app.files.csv_measurements.methods import (
-    BODY_DIAGONAL,
-    DRILLED_PLATE,
-    MACHINED_PART,
-    POSITIONING,
-    ROTARY_AXIS,
-    SIX_DOF,
-    STEP_DIAGONAL,
-)
-from app.files.csv_measurements.thermal_drift import THERMAL_DRIFT
 from app.files.delimited_text import Problems, parse_delimited
-
-FORMATS: Final[Mapping[str, Format]] = {
-    "step-diagonal": STEP_DIAGONAL,
-    "body-diagonal": BODY_DIAGONAL,
-    "positioning": POSITIONING,
-    "six-dof": SIX_DOF,
-    "machined-part": MACHINED_PART,
-    "rotary-axis": ROTARY_AXIS,
-    "drilled-plate": DRILLED_PLATE,
-    "thermal-drift": THERMAL_DRIFT,
-}
-
-METHODS: Final = tuple(FORMATS)
-"""The methods whose files can be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +32,14 @@ class CsvMeasurement:
 
 
 def read_csv_measurement(
-    method: str,
+    form: Format,
     text: str,
     *,
     name: str = "measurement.csv",
     header: Header | None = None,
     complete: bool = False,
 ) -> CsvMeasurement:
-    r"""Read a measurement, and say what of the file was not read.
+    """Read a measurement, and say what of the file was not read.
 
     Parameters
     ----------
@@ -75,42 +50,29 @@ def read_csv_measurement(
 
     Raises
     ------
-    InvalidContent
-        If there is no such method.
     UnreadableFile
         With line and column of everything that is wrong, what was expected and what
         came.
-
-    Examples
-    --------
-    >>> turn = "# axis: C\nangle_deg,x [mm],y [mm],z [m]\n0,101,2,0.05\n180,-99,2,0.05"
-    >>> read_csv_measurement("rotary-axis", turn).body["points"][1]
-    {'angle_deg': 180.0, 'position_mm': [-99.0, 2.0, 50.0]}
     """
-    if method not in FORMATS:
-        raise InvalidContent.of_field(
-            "method", f"expected one of {list_names(METHODS)}, got {method!r}"
-        )
-    wanted = FORMATS[method]
     table = parse_delimited(text, Problems(Path(name)))
     remarks: list[str] = []
     comments = read_comments(
         table,
         header or Header(),
         remarks,
-        wanted.statements,
+        form.statements,
         complete=complete,
-        is_dated=wanted.is_dated,
+        is_dated=form.is_dated,
     )
     if not table.rows:
         table.problems.add("expected lines of values, got none")
-    body = wanted.read(table, comments.statements, remarks)
+    body = form.read(table, comments.statements, remarks)
     table.problems.raise_if_any()
     return CsvMeasurement({**comments.state, **body}, comments.machine, remarks)
 
 
 def completed(
-    found: CsvMeasurement, method: str, file: Path, stated: Header, *, complete: bool
+    found: CsvMeasurement, form: Format, file: Path, stated: Header, *, complete: bool
 ) -> CsvMeasurement:
     """Put what is stated into a measurement that no table of ours holds.
 
@@ -122,6 +84,6 @@ def completed(
     problems = Problems(file)
     body = with_stated(found.body, stated)
     if complete:
-        complain_of_missing(body, problems, is_dated=FORMATS[method].is_dated, has_comments=False)
+        complain_of_missing(body, problems, is_dated=form.is_dated, has_comments=False)
     problems.raise_if_any()
     return replace(found, body=body)

@@ -11,6 +11,7 @@ from app.errors import InvalidContent, list_names
 from app.files.csv_columns import LENGTH, POSITION, SMALL_ANGLE, Columns, Named
 from app.files.csv_comments import Statement
 from app.files.delimited_text import DelimitedText, Row
+from app.geometry.body_diagonal import DIAGONALS
 
 Body = dict[str, Any]
 """Fields of `POST …/measurements/{method}`, without label, time and temperatures."""
@@ -28,6 +29,8 @@ TOOL_OFFSET: Final = Statement(Named("tool_offset", POSITION), 3, "tool_offset_m
 MEASURING_LINE: Final = Statement(
     Named("measuring_line", POSITION), 3, "measuring_line_mm: 0, 250, 100"
 )
+
+DIAGONAL: Final = Named("diagonal", None)
 
 Readings = dict[str, list[list[float]]]
 """Field to its runs over the positions."""
@@ -176,3 +179,17 @@ def positions_and_runs(
 def flat_if_one(runs: list[list[float]]) -> list[float] | list[list[float]]:
     """Write one run as a list, several as a list of lists."""
     return runs[0] if len(runs) == 1 else runs
+
+
+def rows_by_diagonal(columns: Columns) -> dict[str, list[Row]]:
+    """Sort the lines of a table by the diagonal that they name."""
+    by_diagonal: dict[str, list[Row]] = {}
+    for row in columns.text.rows:
+        name = columns.word(row, "diagonal").lower()
+        if name in DIAGONALS:
+            by_diagonal.setdefault(name, []).append(row)
+        else:
+            columns.complain(
+                row, "diagonal", f"expected a diagonal among {list_names(DIAGONALS)}, got {name!r}"
+            )
+    return by_diagonal

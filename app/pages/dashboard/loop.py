@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
 from statistics import median
@@ -19,7 +19,6 @@ from app.identification.analysis.plots import EffectCurve, VisitMeans
 from app.message import Message
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
-from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock
 from app.pages.environment import render_live
@@ -77,7 +76,7 @@ _JUDGED: Final = {
 }
 
 
-def loop_page(view: LoopView, now: datetime) -> str:
+def loop_page(view: LoopView, now: datetime, methods: Mapping[str, str]) -> str:
     """Write the page of the loop."""
     analysis, result = view.chosen, view.result
     labels = {v.id: v.label for v in view.verifications}
@@ -97,7 +96,7 @@ def loop_page(view: LoopView, now: datetime) -> str:
         later="" if view.later is None else later_words(view.later),
         kinds=[(kind, kind_name(kind)) for kind in sorted(KINDS)],
         codes=RIGID,
-        methods=METHODS,
+        methods=methods,
         result=result,
         **({} if result is None else _result(view, result)),
     )

@@ -35,17 +35,6 @@ from app.thermal.bracket import Status
 from app.thermal.error_map import ErrorMap
 from app.units import unit_of_field
 
-METHODS: Final = {
-    "positioning": Message("positioning (ISO 230-2)"),
-    "six-dof": Message("six errors of one axis"),
-    "step-diagonal": Message("sequential step diagonals"),
-    "body-diagonal": Message("body diagonals (ISO 230-6)"),
-    "machined-part": Message("a machined edge"),
-    "drilled-plate": Message("a drilled plate"),
-    "rotary-axis": Message("a rotary axis (R-test)"),
-}
-"""Methods whose tables of readings make a map, in words."""
-
 MOST_RECORDED: Final = 4
 """Components that are named whose change was larger at what was recorded."""
 
@@ -62,7 +51,7 @@ _STATUSES: Final[Mapping[str, str]] = {
 """A machine shop clamps workpieces."""
 
 
-def maps_page(view: MapsView, now: datetime) -> str:
+def maps_page(view: MapsView, now: datetime, methods: Mapping[str, str]) -> str:
     """Write the page of a machine's maps and versions."""
     status = view.status
     return render_live(
@@ -72,7 +61,7 @@ def maps_page(view: MapsView, now: datetime) -> str:
         stream=f"/v1/machines/{status.machine}/compensation/stream",
         now=now,
         view=view,
-        methods=METHODS,
+        methods=methods,
         title=_title(view, now),
         maps=[_map(one, now) for one in _maps_in_use(view)],
         versions=[_version(one, view, now) for one in view.versions],

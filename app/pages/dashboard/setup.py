@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
@@ -13,7 +13,6 @@ from app.errors import list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.message import Message
-from app.pages.dashboard.maps import METHODS
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
 from app.pages.environment import render_live
@@ -70,7 +69,9 @@ def new_machine_page(now: datetime) -> str:
     )
 
 
-def setup_page(view: SetupView, sources: Sequence[Source], now: datetime) -> str:
+def setup_page(
+    view: SetupView, sources: Sequence[Source], now: datetime, methods: Mapping[str, str]
+) -> str:
     """Write the page of a machine's set-up."""
     machine = view.machine
     steps = list(_steps(view))
@@ -96,7 +97,7 @@ def setup_page(view: SetupView, sources: Sequence[Source], now: datetime) -> str
         reading=json.dumps({"temperatures_c": dict.fromkeys(machine.sensors, 20.0)}),
         lines=list(_lines(machine)),
         sources=sources,
-        methods=METHODS,
+        methods=methods,
     )
 
 

@@ -80,8 +80,12 @@ class MeasurementAnswer(ModelChange):
 
     machine: str = Field(description="The machine's id", examples=["mcfv5050"])
     method: str = Field(description="How it was measured", examples=["step-diagonal"])
+    label: str | None = Field(
+        None, description="The name of its map, where one was stated", examples=["Run #1"]
+    )
     stored: bool = Field(description="Whether an error map was made of it")
     map_id: int | None = Field(description="That map's number", examples=[7])
+    is_new: bool = Field(False, description="False where the same map was there already, or none")
     components: list[ComponentAnswer] = Field(
         description="The components with their standard errors"
     )
@@ -96,19 +100,24 @@ class MeasurementAnswer(ModelChange):
     measuring_lines_mm: dict[str, LineOrPoint] = Field(
         description="Axis to the line along which its translations count as measured [mm]"
     )
+    warnings: list[str] = Field(
+        default_factory=list, description="What of its file was not read; left out without one"
+    )
     preview: PreviewAnswer | None = Field(
         None, description="What storing it would do to the tables, where a preview was asked for"
     )
 
 
-def answer_fields(measured: Measured) -> dict[str, Any]:
+def answer_fields(measured: Measured, label: str | None) -> dict[str, Any]:
     """Write the fields of `MeasurementAnswer`."""
     result, stored, preview = measured.result, measured.stored, measured.preview
-    fields = {
+    fields: dict[str, Any] = {
         "machine": measured.machine.id,
         "method": measured.method,
+        "label": label,
         "stored": stored is not None,
         "map_id": None if stored is None else stored.stored.id,
+        "is_new": stored is not None and stored.is_new,
         "components": [ComponentAnswer.computed(table) for table in result.tables],
         "figures": dict(result.figures),
         "notes": [*result.notes, *measured.remarks],

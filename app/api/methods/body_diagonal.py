@@ -1,0 +1,171 @@
+"""Body diagonals (ISO 230-6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import ConfigDict, Field
+
+from app.api.methods.method import Evaluated, Method
+from app.api.methods.shapes import (
+    MeasuredPositions,
+    MeasurementAnswer,
+    MeasurementRequest,
+    Runs,
+)
+from app.api.schemas.base import Schema
+from app.api.schemas.error_field import Volume
+from app.files.csv_columns import (
+    LENGTH,
+    POSITION,
+    Named,
+    find_columns,
+)
+from app.files.csv_comments import Statement
+from app.files.csv_measurements.formats import (
+    DIAGONAL,
+    REPEATABILITY,
+    RUN,
+    Body,
+    Format,
+    flat_if_one,
+    read_runs,
+    rows_by_diagonal,
+)
+from app.files.delimited_text import DelimitedText
+from app.measurement.body_diagonal import body_diagonal
+from app.message import Message
+from app.rounding import Micro
+from app.services.context import Context
+from app.services.measurements import travel_volume
+from app.thermal.machine import Machine, Travel
+
+
+class DiagonalRunsSchema(Schema):
+    """Readings along one body diagonal."""
+
+    positions_mm: MeasuredPositions = Field(
+        min_length=2, description="Positions along the diagonal [mm]"
+    )
+    forward_um: Runs = Field(
+        description="Displacement along the diagonal less its nominal, one run or several [µm]"
+    )
+    backward_um: Runs | None = Field(None, description="The same on the way back [µm]")
+
+    def readings(self) -> dict[str, list[float] | list[list[float]]]:
+        """Give the readings by name."""
+        readings: dict[str, list[float] | list[list[float]]] = {
+            "positions_mm": self.positions_mm,
+            "forward_um": self.forward_um,
+        }
+        return (
+            readings if self.backward_um is None else readings | {"backward_um": self.backward_um}
+        )
+
+
+class BodyDiagonalRequest(MeasurementRequest):
+    """Readings along the four body diagonals (ISO 230-6)."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "diagonals": {
+                    "ppp": {"positions_mm": [0, 812.4], "forward_um": [0, 12.1]},
+                    "npp": {"positions_mm": [0, 812.4], "forward_um": [0, 8.4]},
+                    "pnp": {"positions_mm": [0, 812.4], "forward_um": [0, 9.9]},
+                    "ppn": {"positions_mm": [0, 812.4], "forward_um": [0, 10.2]},
+                }
+            }
+        }
+    )
+
+    diagonals: dict[str, DiagonalRunsSchema] = Field(
+        description="Readings of each diagonal: ppp, npp, pnp, ppn"
+    )
+    volume: Volume
+
+
+class BodyDiagonalAnswer(MeasurementAnswer):
+    """Ed, ESd, and the squareness that the diagonals' ends show."""
+
+    Ed_um: Micro = Field(description="Largest range on a diagonal [µm]")
+    ESd_um: Micro = Field(description="Range over all diagonals together [µm]")
+    diagonals_um: dict[str, Micro] = Field(description="Range on each diagonal [µm]")
+    reversal_um: dict[str, Micro] = Field(
+        description="Largest reversal value on each diagonal, forward less backward [µm]"
+    )
+
+
+def _evaluate(_context: Context, machine: Machine, body: BodyDiagonalRequest) -> Evaluated:
+    # Over the axes' travel where no volume is stated.
+    travels = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
+    evaluated = body_diagonal(
+        {name: runs.readings() for name, runs in body.diagonals.items()},
+        volume=travel_volume(machine, travels),
+        chain=machine.chain,
+        repeatability_um=body.repeatability_um,
+    )
+    fields = {
+        "Ed_um": evaluated.accuracy.ed_um,
+        "ESd_um": evaluated.accuracy.esd_um,
+        "diagonals_um": dict(evaluated.accuracy.ranges_um),
+        "reversal_um": dict(evaluated.reversal_um),
+    }
+    return Evaluated(evaluated.result, fields)
+
+
+_POSITION: Final = Named("position", POSITION)
+
+
+_RANGES: Final = tuple(
+    Statement(Named(f"volume_{axis}", POSITION), 2, f"volume_{axis}_mm: 0, 500") for axis in "xyz"
+)
+
+
+_BOTH_WAYS: Final = (Named("forward", LENGTH), Named("backward", LENGTH))
+
+
+def _read_body_diagonal(
+    text: DelimitedText, statements: Mapping[str, Any], remarks: list[str]
+) -> Body:
+    position = Named("position", POSITION, ("distance",))
+    needed = [DIAGONAL, position, _BOTH_WAYS[0]]
+    columns = find_columns(text, needed, [_BOTH_WAYS[1], RUN], remarks)
+    diagonals = {}
+    for name, rows in rows_by_diagonal(columns).items():
+        positions, readings = read_runs(
+            columns, "position", ["forward", "backward"], rows
+        ).in_order()
+        ways = {f"{way}_um": flat_if_one(runs) for way, runs in readings.items()}
+        if positions and "forward_um" not in ways:
+            columns.complain(rows[0], "forward", f"expected forward readings of {name}, got none")
+        diagonals[name] = {"positions_mm": positions, **ways}
+    return {**_with_volume(statements), "diagonals": diagonals}
+
+
+def _with_volume(statements: Mapping[str, Any]) -> Body:
+    """Put the ranges of the axes into one field."""
+    ranges = {range_.thing.full: range_.thing.field[-1] for range_ in _RANGES}
+    volume = {
+        axis: dict(zip(("min_mm", "max_mm"), statements[name], strict=True))
+        for name, axis in ranges.items()
+        if statements.get(name)
+    }
+    rest = {name: value for name, value in statements.items() if name not in ranges}
+    return rest | ({"volume": volume} if volume else {})
+
+
+_FILE: Final = Format((*_RANGES, REPEATABILITY), _read_body_diagonal)
+
+
+BODY_DIAGONAL: Final = Method(
+    name="body-diagonal",
+    title=Message("body diagonals (ISO 230-6)"),
+    summary="Body diagonals (ISO 230-6)",
+    about="Evaluate Ed and ESd, and squareness from the ends.",
+    request=BodyDiagonalRequest,
+    answer=BodyDiagonalAnswer,
+    evaluate=_evaluate,
+    file=_FILE,
+)

@@ -1,0 +1,162 @@
+"""R-test of a rotary axis: the places of a ball that it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
+
+from pydantic import ConfigDict, Field
+
+from app.api.methods.method import Evaluated, Method
+from app.api.methods.shapes import (
+    MeasurementAnswer,
+    MeasurementRequest,
+)
+from app.api.schemas.base import Number, Point, Schema
+from app.api.schemas.in_pieces import InPieces
+from app.files.csv_columns import (
+    ANGLE,
+    POSITION,
+    Named,
+    find_columns,
+)
+from app.files.csv_comments import Statement
+from app.files.csv_measurements.formats import (
+    REPEATABILITY,
+    Body,
+    Format,
+    axis_among,
+)
+from app.files.delimited_text import DelimitedText
+from app.measurement.rotary_axis import measure_rotary_axis
+from app.message import Message
+from app.rounding import Digits, Micro
+from app.services.context import Context
+from app.thermal.machine import Machine
+
+
+class BallSchema(Schema):
+    """The ball of an R-test at one angle."""
+
+    angle_deg: Number = Field(description="Angle of the rotary axis [°]")
+    position_mm: Point = Field(description="The ball's x, y, z [mm]")
+
+
+class RotaryAxisRequest(MeasurementRequest):
+    """Places of a ball that a rotary axis carries."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "axis": "C",
+                "points": [
+                    {"angle_deg": 0, "position_mm": [101.0, 0.0, 50.0]},
+                    {"angle_deg": 90, "position_mm": [0.0, 101.0, 50.0]},
+                    {"angle_deg": 180, "position_mm": [-101.0, 0.0, 50.0]},
+                ],
+            }
+        }
+    )
+
+    axis: str = Field(description="The rotary axis, A, B or C", examples=["C"])
+    points: Annotated[list[BallSchema], InPieces(5000)] = Field(
+        description="The ball at each angle"
+    )
+    pivot_mm: Point = Field([0.0, 0.0, 0.0], description="A point of the nominal axis [mm]")
+
+
+class PathErrorsAnswer(Schema):
+    """How far the ball was beside the spindle that follows it, point by point."""
+
+    before_um: list[list[Micro]] = Field(
+        description="Following the nominal axis: x, y, z, measured minus followed place [µm]"
+    )
+    after_position_um: list[list[Micro]] = Field(
+        description="Following an axis of nominal direction through the actual axis' place at the "
+        "ball: its two position errors compensated [µm]"
+    )
+    after_all_um: list[list[Micro]] = Field(
+        description="Following the axis that was found: all its errors compensated [µm]. At the "
+        "points that showed them; at others it may be more"
+    )
+
+
+class RotaryAxisAnswer(MeasurementAnswer):
+    """The axis' location errors, with run-out in `figures`."""
+
+    residuals_um: list[list[Micro]] = Field(
+        description="Measured minus fitted place of the ball: radial, tangential, axial [µm]"
+    )
+    noise_um: Digits | None = Field(
+        description="Standard deviation of one coordinate, from the residuals or as stated [µm]"
+    )
+    degrees_of_freedom: int = Field(description="Of that noise")
+    path: PathErrorsAnswer = Field(
+        description="The path errors before and after compensation; rms and largest length are in "
+        "`figures` [µm]"
+    )
+
+
+def _evaluate(_context: Context, _machine: Machine, body: RotaryAxisRequest) -> Evaluated:
+    evaluated = measure_rotary_axis(
+        body.axis,
+        [ball.angle_deg for ball in body.points],
+        [ball.position_mm for ball in body.points],
+        repeatability_um=body.repeatability_um,
+        pivot_mm=body.pivot_mm,
+    )
+    fields = {
+        "residuals_um": evaluated.residuals_um.tolist(),
+        "noise_um": evaluated.noise_um,
+        "degrees_of_freedom": evaluated.degrees_of_freedom,
+        "path": PathErrorsAnswer(
+            before_um=evaluated.path.before_um.tolist(),
+            after_position_um=evaluated.path.position_um.tolist(),
+            after_all_um=evaluated.path.all_um.tolist(),
+        ),
+    }
+    return Evaluated(evaluated.result, fields)
+
+
+_ANGLE: Final = Named("angle", ANGLE)
+
+
+_PLACE: Final = tuple(
+    Named(axis, POSITION, (f"position_{axis}", f"{axis}_position")) for axis in "xyz"
+)
+
+
+def _read_rotary_axis(
+    text: DelimitedText, statements: Mapping[str, Any], remarks: list[str]
+) -> Body:
+    columns = find_columns(text, [_ANGLE, *_PLACE], [], remarks)
+    points = [
+        {
+            "angle_deg": columns.needed(row, "angle"),
+            "position_mm": [columns.needed(row, place.field) for place in _PLACE],
+        }
+        for row in text.rows
+    ]
+    return {**statements, "points": points}
+
+
+_FILE: Final = Format(
+    (
+        axis_among("C", "A", "B"),
+        Statement(Named("pivot", POSITION), 3, "pivot_mm: 0, 0, -500"),
+        REPEATABILITY,
+    ),
+    _read_rotary_axis,
+)
+
+
+ROTARY_AXIS: Final = Method(
+    name="rotary-axis",
+    title=Message("a rotary axis (R-test)"),
+    summary="R-test of a rotary axis",
+    about="Find how a rotary axis lies from the places of a ball that it carries.",
+    request=RotaryAxisRequest,
+    answer=RotaryAxisAnswer,
+    evaluate=_evaluate,
+    file=_FILE,
+)

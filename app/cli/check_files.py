@@ -1,0 +1,93 @@
+"""Files of check measurements: all looked at before any of them is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, cast
+
+from app.cli.terminal import echo
+from app.cli.uploads import Upload, look_at_all, naming, read_bytes, send
+from app.errors import counted
+from thermap import ThermapClient, calls
+from thermap.answers import StoredVerificationAnswer, VerificationPreview, VisitPreview
+
+_BESIDE: Final = {"kind": "check"}
+_PLANNED: Final = {"planned": "true"}
+
+
+def look_at_checks(
+    thermap: ThermapClient, machine: str, files: Sequence[Path]
+) -> list[tuple[Upload, VerificationPreview]]:
+    """Let the service read every file.
+
+    Raises
+    ------
+    NotImported
+        With file, line and column of everything that is wrong in any.
+    """
+    uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
+    looks = look_at_all(thermap, uploads, _BESIDE, calls.Storing(preview=True))
+    return [(u, cast("VerificationPreview", s.answer)) for u, s in zip(uploads, looks, strict=True)]
+
+
+def show_checks(read: Sequence[tuple[Upload, VerificationPreview]]) -> None:
+    """Show what was read of files; nothing is stored."""
+    for upload, preview in read:
+        for warning in preview.warnings:
+            echo(f"{upload.file}: note: {warning}", err=True)
+        for line in preview.read:
+            echo(f"{upload.file}: read {line}")
+        echo(f"{upload.file}: a preview, nothing was stored")
+
+
+def store_checks(
+    thermap: ThermapClient,
+    read: Sequence[tuple[Upload, VerificationPreview]],
+    stored: list[int],
+) -> None:
+    """Store the files' verifications, and say what the service says of each.
+
+    Parameters
+    ----------
+    stored
+        Their numbers are appended as they come, so that they are known if one fails. The same
+        content again is the one that is stored.
+
+    Raises
+    ------
+    NotImported
+        With what the service refuses.
+    """
+    for i, (upload, _) in enumerate(read):
+        with naming(upload.file, [later.file for later, _ in read[i + 1 :]]):
+            sent = send(thermap, upload.call(_BESIDE, calls.Storing(store=True)))
+        answer = cast("StoredVerificationAnswer", sent.answer)
+        for warning in answer.warnings:
+            echo(f"{upload.file}: note: {warning}", err=True)
+        echo(
+            f"{upload.file}: verification {answer.label!r}, number {answer.id}, "
+            f"{counted(answer.count, 'observation')}"
+            + (f". {answer.judgement.summary}" if answer.judgement else ""),
+            err=True,
+        )
+        stored.append(answer.id)
+
+
+def look_at_visits(
+    thermap: ThermapClient, machine: str, files: Sequence[Path]
+) -> list[tuple[Upload, VisitPreview]]:
+    """Let the service read files of what is yet to be measured.
+
+    Raises
+    ------
+    NotImported
+        With file, line and column of everything that is wrong in any.
+    """
+    uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
+    looks = look_at_all(thermap, uploads, _PLANNED, calls.Storing(preview=True))
+    visits = [cast("VisitPreview", look.answer) for look in looks]
+    for upload, visit in zip(uploads, visits, strict=True):
+        for warning in visit.warnings:
+            echo(f"{upload.file}: note: {warning}", err=True)
+    return list(zip(uploads, visits, strict=True))
