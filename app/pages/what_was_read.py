@@ -64,13 +64,14 @@ class ReadComponent:
     @property
     def positions(self) -> str:
         """From where to where in the reader's unit; empty for one value without position."""
-        if not self._has_positions:
+        if not self.has_positions:
             return ""
         at = [position for position, _ in self._points]
         return _("%(low)s to %(high)s", low=placed(min(at)), high=placed(max(at)))
 
     @property
-    def _has_positions(self) -> bool:
+    def has_positions(self) -> bool:
+        """Whether its values have positions, over which they are drawn."""
         return self.name not in COMPONENTS or COMPONENTS[self.name].is_table
 
     @property
@@ -91,7 +92,7 @@ class ReadComponent:
         over = f"{self.positions} {reader().length}"
         at = _(" over %(positions)s", positions=over) if self.positions else ""
         count = counted(self.count, "%(count)s value", "%(count)s values")
-        ways = f", {self.directions}" if self._has_positions else ""
+        ways = f", {self.directions}" if self.has_positions else ""
         return f"{self.name}: {self.values} {self.unit}{at}, {count}{ways}"
 
     @property
