@@ -86,7 +86,8 @@ def read_component_sheets(
         problems.sheet = title if len(sheets) > 1 else ""
         tables = read_component_tables(text, remarks, beside)
         values += tables.values
-        comments += [*text.comments, *_comments_in(tables.others, problems, remarks, title)]
+        others = _comments_in(tables.others, problems, remarks, title)
+        comments += [replace(c, sheet=problems.sheet) for c in (*text.comments, *others)]
     problems.sheet = ""
     header = replace(next(iter(texts.values())), comments=comments)
     return ComponentSheets(header, headings, values, len(texts) == 1)

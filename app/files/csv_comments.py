@@ -128,6 +128,7 @@ def read_comments(
     free: list[str] = []
     for comment in text.comments:
         line = comment.line
+        text.problems.sheet = comment.sheet
         split = _name_and_value(comment, method_statements)
         if split is None:
             free += [comment.text] if comment.text else []
@@ -147,6 +148,7 @@ def read_comments(
             text.problems.add(f"expected {statement.thing.full} once, came again", line)
         else:
             statements[statement.thing.full] = _value(text.problems, statement, line, name, value)
+    text.problems.sheet = ""
     if free:
         remarks.append(f"comment lines that are not read: {list_names(map(repr, free), MOST_FREE)}")
     if header.axis is not None and any(one.thing.full == "axis" for one in method_statements):
@@ -251,10 +253,9 @@ def _read_fact(
 def _note_once(
     problems: Problems, line: int, noted: dict[str, Any], name: str, value: object, what: str = ""
 ) -> None:
-    """Note what a line states; of two that state the same thing nobody can say which is meant."""
-    if name in noted:
-        problems.add(f"expected {what or name} once, came again", line)
-    noted[name] = value
+    """Note what a line states; sheets may repeat their head, but not say otherwise in it."""
+    if noted.setdefault(name, value) != value:
+        problems.add(f"expected {what or name} once, got {noted[name]} and {value}", line)
 
 
 def with_stated(facts: Mapping[str, Any], stated: Header) -> dict[str, Any]:

@@ -186,6 +186,8 @@ class Comment:
     line: int
     text: str
     cells: Sequence[str]
+    sheet: str = ""
+    """As `Problems.sheet`"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,6 +155,18 @@ def test_a_sheet_for_each_axis_a_protocol_and_squareness_are_one_map(tmp_path):
     ]
 
 
+def test_sheets_may_repeat_their_head_and_not_contradict_each_other(tmp_path):
+    head = [["Title", "18 °C"], ["Bed front", "18,1", "°C"]]
+    same = workbook(tmp_path / "p.xlsx", [*head, *X], [*head, *Y])
+    assert read_error_map(same, STATED).error_map.temperatures_c["Bed front"] == 18.1
+    other = workbook(tmp_path / "p.xlsx", [*head, *X], [head[0], ["Bed front", 19, "°C"], *Y])
+    with pytest.raises(
+        UnreadableFile,
+        match=r"sheet 'Sheet 2', line 2: expected the temperature of Bed front once, got 18.1 and",
+    ):
+        read_error_map(other, STATED)
+
+
 def test_a_sheet_with_numbers_that_nobody_understands_is_refused_by_its_name(tmp_path):
     other = [["place", "reading", "reading", "reading"], [0.0, 1.0, 2.0, 3.0]]
     with pytest.raises(UnreadableFile, match=r"sheet 'Sheet 2', line 2: expected a line of column"):

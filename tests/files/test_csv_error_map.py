@@ -322,17 +322,21 @@ def test_a_temperature_that_is_none(complaints):
 
 
 @pytest.mark.parametrize(
-    ("again", "what"),
+    ("again", "what", "got"),
     [
-        ("temperature x-middle: 24.3", "the temperature of x-middle"),
-        ("label: Run #2", "label"),
-        ("measured_at: 2026-03-01T09:00:00Z", "measured_at"),
+        ("temperature x-middle: 24.3", "the temperature of x-middle", "20.1 and 24.3"),
+        ("label: Run #2", "label", "Run #1 and Run #2"),
+        (
+            "measured_at: 2026-03-01T09:00:00Z",
+            "measured_at",
+            "2026-03-01T07:00:00+01:00 and 2026-03-01T09:00:00Z",
+        ),
     ],
 )
-def test_what_is_stated_twice_is_not_taken_from_the_last_line(complaints, again, what):
+def test_what_is_stated_otherwise_is_not_taken_from_the_last_line(complaints, again, what, got):
     """A sensor's line that was copied and not renamed: the map would lie at another temperature."""
     (complaint,) = complaints(f"{HEAD}# {again}\n{ROWS}")
-    assert complaint == f"run.csv, line 4: expected {what} once, came again"
+    assert complaint == f"run.csv, line 4: expected {what} once, got {got}"
 
 
 @pytest.mark.parametrize(
