@@ -34,6 +34,8 @@ from app.storage.partitions import make_months
 from app.storage.readings import newest_id
 from app.storage.temperature_hours import binned_up_to
 from benchmarks.example import database_url, prepare_database
+from benchmarks.growth import processor_s
+from benchmarks.many_machines import process_of
 from benchmarks.replicas import scratch_database, service
 
 ASKED = 10
@@ -119,18 +121,24 @@ def ask(client: httpx.Client, span_s: float) -> tuple[float, int]:
 
 def show_answers(url: str) -> None:
     """Print a row for each span: after a start of the service, and after that."""
-    print("| shown | bins | first answer after a start | median of the next | longest |")
-    print("| --- | --- | --- | --- | --- |")
+    print(
+        "| shown | bins | first answer after a start | median of the next | longest "
+        "| processor time of each |"
+    )
+    print("| --- | --- | --- | --- | --- | --- |")
     for name, span_s in SPANS_S.items():
         with (
             service(url, "--insecure") as base,
             httpx.Client(base_url=base, timeout=600.0) as client,
         ):
+            process = process_of(int(base.rpartition(":")[2]))
             first_s, bins = ask(client, span_s)
+            began_s = processor_s(process)
             next_s = [ask(client, span_s)[0] for _ in range(ASKED)]
+            used_s = (processor_s(process) - began_s) / ASKED
         print(
             f"| a {name} | {bins:,} | {first_s:.2f} s | {statistics.median(next_s):.2f} s "
-            f"| {max(next_s):.2f} s |",
+            f"| {max(next_s):.2f} s | {used_s:.2f} s |",
             flush=True,
         )
 
