@@ -16,7 +16,6 @@ from app.storage.analyses import begin_analysis, finish_analysis, insert_analysi
 from app.storage.analysis_results import RESULTS
 from app.storage.records import AnalysisTask
 from tests.campaign_examples import LATER, ROOM, campaign_database
-from tests.databases import KINDS, reachable
 from tests.effect_examples import OUTDATED
 from tests.pages.example_analyses import LAG as LAG_FOUND
 from tests.pages.example_analyses import NOTHING
@@ -30,9 +29,10 @@ ALL = list(range(1, 9))
 QUICK = {"verifications": ALL, "effects": ["backlash"]}
 
 
-@pytest.fixture(params=KINDS)
-def campaign_app(request, databases):
-    url = reachable(lambda kind: databases.prepared(kind, campaign_database), request.param)
+@pytest.fixture
+def campaign_app(databases):
+    """On SQLite: on PostgreSQL workers run analyses (tests/services/test_workers.py)."""
+    url = databases.prepared("sqlite", campaign_database)
     with running(url, Clock(LATER)) as service:
         yield service
     databases.give_back(url)
@@ -138,7 +138,6 @@ async def of_fewer_visits(campaign):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("campaign_app", ["sqlite"], indirect=True)
 async def test_one_observation_without_a_stated_repeatability_is_not_judged(campaign):
     """It was taken for its own scatter, so that 9.8 µm were “nothing found”."""
     first = (await campaign.get(f"{ROOM}/verifications/1")).json()
@@ -306,12 +305,8 @@ async def test_a_refusal_names_a_number_that_could_be_adopted(app, client):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("campaign_app", ["sqlite"], indirect=True)
 async def test_a_plan_says_what_could_be_seen_and_stores_nothing(campaign, campaign_app):
-    """The same visits again a month later, without values: nobody looks at those.
-
-    On one kind of database: it stores nothing, and reads what an analysis reads.
-    """
+    """The same visits again a month later, without values: nobody looks at those."""
     before = contents(campaign_app)
     stored = [(await campaign.get(f"{ROOM}/verifications/{i}")).json() for i in ALL]
     planned = [{"observations": [_to_come(o) for o in v["observations"]]} for v in stored]
