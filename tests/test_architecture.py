@@ -177,6 +177,13 @@ def test_the_command_line_alone_uses_the_client():
             assert ours == set(), f"{path} imports {ours}"
 
 
+def test_the_command_line_sends_files_as_they_are():
+    """It reads one kind itself: the recording that it plays."""
+    for path in (PACKAGE / "cli").rglob("*.py"):
+        readers = {m for m in imports_of(path) if m.startswith(("app.files", "app.api.schemas"))}
+        assert readers <= {"app.files.recording"}, f"{path} imports {readers}"
+
+
 def test_the_search_knows_only_its_rows():
     own = ("app.search", "app.arrays", "app.errors")
     for path in (PACKAGE / "search").rglob("*.py"):

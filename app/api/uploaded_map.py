@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
-from app.api.contract_json import check_contract, json_of
 from app.api.methods.method import Method
 from app.api.methods.registry import METHODS
-from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.machines import MachineSettings
+from app.api.schemas.error_maps import (
+    ComponentAnswer,
+    ComponentSchema,
+    ErrorMapAnswer,
+    ErrorMapSchema,
+)
 from app.errors import FieldError, InvalidContent
 from app.field_errors import field_error
 from app.files.csv_comments import Header, with_stated
@@ -26,7 +29,7 @@ from app.files.delimited_text import (
     read_sheets,
     sheets_of,
 )
-from app.files.file_kind import FileKind, is_json, refuse_other_kind
+from app.files.file_kind import FileKind, is_json, json_of, refuse_other_kind
 from app.files.instrument_files import InstrumentFormat, format_of_text
 
 
@@ -55,15 +58,30 @@ def parse_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> Fi
     read = parse_csv_error_map(sheets, file, header)
     problems = Problems(file)
     try:
-        error_map = ErrorMapSchema.model_validate(read.body)
-        error_map.to_error_map()
-    except ValidationError as error:
-        for problem in map(field_error, error.errors()):
-            problems.add(f"{problem.field}: {problem.message}")
+        error_map = _checked(read.body, problems)
     except InvalidContent as error:
         problems.add(error.detail)
     problems.raise_if_any()
     return FileMap(error_map, read.machine, read.remarks)
+
+
+def _checked(body: Any, problems: Problems) -> ErrorMapSchema:
+    """Make of a body what the service would, so that what it would refuse is known here.
+
+    Raises
+    ------
+    UnreadableFile, InvalidContent
+        If its fields, or all of it together, cannot be right.
+    """
+    try:
+        error_map = ErrorMapSchema.model_validate(body)
+    except ValidationError as error:
+        for problem in map(field_error, error.errors()):
+            problems.add(f"{problem.field}: {problem.message}")
+        problems.raise_if_any()
+        raise
+    error_map.to_error_map()
+    return error_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,19 +171,46 @@ def _of_json(content: bytes, file: Path, header: Header) -> FileMap:
     """Read the one map in a request's JSON, or in an answer's."""
     problems = Problems(file)
     document = json_of(content, problems)
-    if isinstance(document, dict):
-        document = with_stated(document, header)
-    entries = check_contract(document, problems)
-    maps = [entry for entry in entries if isinstance(entry, ErrorMapSchema)]
-    if len(entries) > 1:
+    entries = document if isinstance(document, list) else [document]
+    entry = entries[0] if len(entries) == 1 else None
+    if len(entries) != 1:
         problems.add(
             f"expected one error map, got {len(entries)} entries: send one after the other"
         )
-    elif not maps:
-        what = "a machine" if isinstance(entries[0], MachineSettings) else "a reading"
-        problems.add(f"expected an error map, got {what}")
+    elif not isinstance(entry, dict):
+        problems.add(f"expected an error map, got {type(entry).__name__}")
+    elif "components" not in entry and "measured_at" not in entry:
+        other = "a machine" if "configuration" in entry else f"fields {', '.join(entry)}"
+        problems.add(f"expected an error map, got {other}")
     problems.raise_if_any()
-    return FileMap(maps[0], None, ())
+    assert isinstance(entry, dict)
+    try:
+        error_map = _checked(_as_stated(with_stated(entry, header)), problems)
+    except InvalidContent as error:
+        for message in [f"{e.field}: {e.message}" for e in error.errors] or [error.detail]:
+            problems.add(message)
+    problems.raise_if_any()
+    return FileMap(error_map, None, ())
+
+
+_ADDED: Final = ErrorMapAnswer.model_fields.keys() - ErrorMapSchema.model_fields.keys()
+_ADDED_TO_COMPONENTS: Final = (
+    ComponentAnswer.model_fields.keys() - ComponentSchema.model_fields.keys()
+)
+"""Fields of an answer that nobody states."""
+
+
+def _as_stated(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave away what an answer has beyond what is stated."""
+    fields = {name: value for name, value in entry.items() if name not in _ADDED}
+    if isinstance(fields.get("components"), list):
+        fields["components"] = [
+            {name: value for name, value in component.items() if name not in _ADDED_TO_COMPONENTS}
+            if isinstance(component, dict)
+            else component
+            for component in fields["components"]
+        ]
+    return fields
 
 
 def _body_of(content: bytes, file: Path, method: Method[Any, Any]) -> CsvMeasurement:

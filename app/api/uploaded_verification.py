@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from app.api.contract_json import json_of
 from app.api.verification_check import check_verification, complain_of_fields
 from app.effects.observations import Verification
 from app.errors import FieldError, InvalidContent
 from app.files.csv_verification import parse_csv_verification
 from app.files.delimited_text import Problems, UnreadableFile, sheets_of
-from app.files.file_kind import FileKind, is_json, refuse_other_kind
+from app.files.file_kind import FileKind, is_json, json_of, refuse_other_kind
 
 _VALUE: Final = "measured_"
 """Fields that begin so hold what was measured."""

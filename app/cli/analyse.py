@@ -180,7 +180,7 @@ def analyse(
             write_file(output, thermap.analysis_report(machine, job.id))
             echo(f"{output}: the report of analysis {job.id}", err=True)
         if visits is not None:
-            write_visits(visits, machine, result.next_visits)
+            write_visits(thermap, visits, machine, job.id, result.next_visits)
 
 
 def _result(content: bytes) -> Analysis:

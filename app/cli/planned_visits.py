@@ -7,11 +7,13 @@ from pathlib import Path
 
 from app.cli.options import write_file
 from app.cli.terminal import echo
-from app.files.csv_writing import csv_of_visit
 from app.identification.plan.visit import NextVisit
+from thermap import ThermapClient
 
 
-def write_visits(folder: Path, machine: str, visits: Sequence[NextVisit]) -> None:
+def write_visits(
+    thermap: ThermapClient, folder: Path, machine: str, analysis: int, visits: Sequence[NextVisit]
+) -> None:
     """Write the visits that an analysis proposes, or say that it proposes none."""
     if not visits:
         echo(f"{folder}: nothing written: the analysis proposes no visit", err=True)
@@ -19,6 +21,6 @@ def write_visits(folder: Path, machine: str, visits: Sequence[NextVisit]) -> Non
     folder.mkdir(parents=True, exist_ok=True)
     for number, visit in enumerate(visits, start=1):
         file = folder / f"visit-{number}.csv"
-        write_file(file, csv_of_visit(machine, visit))
+        write_file(file, thermap.visit_file(machine, analysis, number))
         echo(f"{file}: {visit.sentence}", err=True)
     echo(f"`thermap program visit {machine} {file} -c CONTROLLER` writes its NC program", err=True)

@@ -32,13 +32,10 @@ from rich.table import Table
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
 from app.cli.console import console
-from app.cli.csv_recording import TIME_COLUMNS, Recording, read_recording
 from app.cli.options import MachineArgument, UrlOption, connect, read_time
 from app.cli.terminal import echo
 from app.errors import counted, list_names
-from app.files.csv_columns import name_after
-from app.files.csv_verification import STATE
-from app.files.delimited_text import left_out
+from app.files.recording import TIME_COLUMNS, Recording, is_state, read_recording
 from app.geometry.components import COMPONENTS
 from app.live.reading_window import kept_spacing_s
 from app.thermal.machine import Sensor
@@ -109,7 +106,7 @@ def replay(
             file, _checked_sensors(described, columns), columns, _read_zone(utc_offset)
         )
         if recording.unread:
-            echo(left_out(recording.unread), err=True)
+            echo(recording.left_out, err=True)
         plan = plan_replay(
             recording,
             described.sensors,
@@ -204,7 +201,7 @@ def _read_columns(texts: list[str] | None) -> dict[str, str]:
 def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list[str]:
     """Name the machine's sensors; a column of any other is wrong usage."""
     sensors = [sensor.name for sensor in machine.sensors]
-    sensors_named = {meaning for meaning in columns.values() if not name_after(STATE, meaning)}
+    sensors_named = {meaning for meaning in columns.values() if not is_state(meaning)}
     unknown = sorted(sensors_named - {*sensors, *TIME_COLUMNS})
     if unknown:
         raise typer.BadParameter(

@@ -93,6 +93,22 @@ def is_json(content: bytes, file: Path) -> bool:
     return file.suffix.lower() == ".json" or content.lstrip()[:1] == b"{"
 
 
+def json_of(content: bytes, problems: Problems) -> Any:
+    """Read JSON within the limits of what is sent.
+
+    Raises
+    ------
+    UnreadableFile
+        If it is none, or an object has a name twice.
+    """
+    try:
+        return read_json(content)
+    except (NoJsonError, RepeatedNameError) as error:
+        problems.add(f"expected JSON, got none: {error}")
+    problems.raise_if_any()
+    return None
+
+
 class OtherKind(InvalidContent):
     """A file holds the other kind than was expected."""
 

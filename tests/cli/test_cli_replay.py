@@ -5,9 +5,9 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
-from app.cli.csv_recording import Recording, read_recording
 from app.cli.replay import Stamps, plan_replay
 from app.files.delimited_text import UnreadableFile
+from app.files.recording import Recording, read_recording
 from tests.effect_examples import SPEED, adopt
 from thermap.answers import SensorSchema
 

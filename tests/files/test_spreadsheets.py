@@ -8,10 +8,10 @@ from openpyxl import Workbook
 from app.api.methods.registry import METHODS
 from app.api.uploaded_map import read_error_map
 from app.api.uploaded_verification import read_uploaded_verification
-from app.cli.csv_recording import read_recording
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile, read_text
+from app.files.recording import read_recording
 
 STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 

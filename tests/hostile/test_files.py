@@ -14,12 +14,12 @@ from openpyxl import Workbook
 from app.api.methods.registry import METHODS
 from app.api.uploaded_map import read_uploaded_map
 from app.api.uploaded_verification import read_uploaded_verification
-from app.cli.csv_recording import read_recording
 from app.connections.config import read_connections
 from app.controllers.format import ControllerFile
 from app.errors import InvalidContent
 from app.files.csv_comments import Header
 from app.files.delimited_text import UnreadableFile, text_of
+from app.files.recording import read_recording
 from app.services.controllers import parse_files
 from tests.controllers.example_tables import NEEDED
 from tests.files.test_renishaw_rtl import BOTH_WAYS

@@ -17,8 +17,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import typer
-
 from app.decimal_text import read_number
 from app.errors import list_names
 from app.files.csv_columns import (
@@ -28,12 +26,13 @@ from app.files.csv_columns import (
     Quantity,
     by_field,
     match_columns,
+    name_after,
     named,
     names_after,
     normal_heading,
 )
 from app.files.csv_verification import STATE
-from app.files.delimited_text import DelimitedText, Problems, Row, read_delimited
+from app.files.delimited_text import DelimitedText, Problems, Row, left_out, read_delimited
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
 
 _COUNT: Final = Quantity(
@@ -75,6 +74,16 @@ class Recording:
     def duration_s(self) -> float:
         """From the first to the last reading [s]."""
         return self.times_s[-1] - self.times_s[0]
+
+    @property
+    def left_out(self) -> str:
+        """Say which columns were not read; empty where all were."""
+        return left_out(self.unread) if self.unread else ""
+
+
+def is_state(meaning: str) -> bool:
+    """Whether a column is said to be a state of the machine, such as `state spindle_rpm`."""
+    return bool(name_after(STATE, meaning))
 
 
 def read_recording(
@@ -150,11 +159,11 @@ def _match_columns(
     meanings = {name.lower(): meaning for name, meaning in columns.items()}
     absent = meanings.keys() - {heading.lower() for heading in text.headings}
     if absent:
-        raise typer.BadParameter(
+        text.problems.add(
             f"the file has no column {list_names(sorted(absent))}; "
-            f"it has {list_names(text.headings)}",
-            param_hint="--column",
+            f"it has {list_names(text.headings)}"
         )
+        text.problems.raise_if_any()
     fields = sorted(map(normal_heading, sensors), key=len, reverse=True)
     things = [*_TIMES, *(Named(field, _CELSIUS) for field in fields)]
     _expect_celsius(text, dict(zip(map(normal_heading, sensors), sensors, strict=True)), meanings)
