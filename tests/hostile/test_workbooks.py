@@ -99,57 +99,59 @@ def test_values_are_written_as_openpyxl_has_them(is_1904):
 
 CELL = '<c r="A1"><v>1</v></c>'
 TOO_MUCH = {
-    "a row far down": (packed(f'<row r="999999999">{CELL}</row>'), "rows in order"),
-    "rows backwards": (packed('<row r="5"/><row r="4"/>'), "rows in order"),
+    "a row far down": (lambda: packed(f'<row r="999999999">{CELL}</row>'), "rows in order"),
+    "rows backwards": (lambda: packed('<row r="5"/><row r="4"/>'), "rows in order"),
     "a column far right": (
-        packed('<row r="1"><c r="XFD1"><v>1</v></c></row>'),
+        lambda: packed('<row r="1"><c r="XFD1"><v>1</v></c></row>'),
         f"at most {MOST_COLUMNS} columns",
     ),
-    "unpacked": (packed(" " * 70_000_000), f"at most {workbooks.MOST_UNPACKED} bytes"),
-    "tags": (packed("<x/>" * 6_000_001), f"at most {workbooks.MOST_TAGS} tags"),
+    "unpacked": (lambda: packed(" " * 70_000_000), f"at most {workbooks.MOST_UNPACKED} bytes"),
+    "tags": (lambda: packed("<x/>" * 6_000_001), f"at most {workbooks.MOST_TAGS} tags"),
     "a code page": (
-        packed("", before='<?xml version="1.0" encoding="cp037"?>'),
+        lambda: packed("", before='<?xml version="1.0" encoding="cp037"?>'),
         "UTF-8 or UTF-16",
     ),
-    "depth": (packed("<x>" * 300), f"at most {workbooks.DEEPEST} deep"),
+    "depth": (lambda: packed("<x>" * 300), f"at most {workbooks.DEEPEST} deep"),
     "wide rows": (
-        packed('<row><c r="ALL1"><v>1</v></c></row>' * 2_000),
+        lambda: packed('<row><c r="ALL1"><v>1</v></c></row>' * 2_000),
         "at most 1500000 cells",
     ),
     "a text in every cell": (
-        packed('<row><c t="s"><v>0</v></c></row>' * 40_000, f"<si><t>{'x' * 999}</t></si>"),
+        lambda: packed('<row><c t="s"><v>0</v></c></row>' * 40_000, f"<si><t>{'x' * 999}</t></si>"),
         f"at most {workbooks.MOST_CHARACTERS} characters",
     ),
     "a long text": (
-        packed('<row><c t="s"><v>0</v></c></row>', f"<si><t>{'x' * 2_000_000}</t></si>"),
+        lambda: packed('<row><c t="s"><v>0</v></c></row>', f"<si><t>{'x' * 2_000_000}</t></si>"),
         f"at most {LONGEST_CELL} characters",
     ),
-    "a long attribute": (packed(f'<row x="{"x" * 300_000}"/>'), "bytes without an element"),
+    "a long attribute": (lambda: packed(f'<row x="{"x" * 300_000}"/>'), "bytes without an element"),
     "entities": (
-        packed(
+        lambda: packed(
             "<row><c><v>&b;</v></c></row>",
             before='<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>',
         ),
         "without document types",
     ),
-    "packed otherwise": (packed("", packing=zipfile.ZIP_LZMA), "stored or deflated"),
+    "packed otherwise": (lambda: packed("", packing=zipfile.ZIP_LZMA), "stored or deflated"),
     "many files": (
-        packed("", more=[(f"x{i}", "") for i in range(10_001)]),
+        lambda: packed("", more=[(f"x{i}", "") for i in range(10_001)]),
         f"at most {workbooks.MOST_PARTS} files",
     ),
-    "no sheets": (b"PK\x03\x04" + b"\0" * 100, "got neither"),
-    "no such part": (packed("", more=[("xl/workbook.xml", "<x/>")])[:-30], "got neither"),
+    "no sheets": (lambda: b"PK\x03\x04" + b"\0" * 100, "got neither"),
+    "no such part": (lambda: packed("", more=[("xl/workbook.xml", "<x/>")])[:-30], "got neither"),
     "a text that is not there": (
-        packed('<row><c t="s"><v>7</v></c></row>'),
+        lambda: packed('<row><c t="s"><v>7</v></c></row>'),
         "got neither",
     ),
 }
+"""Packed where it is used: most are megabytes."""
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 @pytest.mark.parametrize("kind", TOO_MUCH)
 def test_what_is_beyond_a_limit_is_refused_with_little_memory(kind):
-    content, says = TOO_MUCH[kind]
+    pack, says = TOO_MUCH[kind]
+    content = pack()
     tracemalloc.start()
     with pytest.raises(NoTable, match=says):
         workbook_sheets(content)
