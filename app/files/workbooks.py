@@ -441,9 +441,11 @@ class _Sheet(_Reader):
         try:
             if kind is not None:
                 return self.book.date(number, is_duration=kind == "duration")
-            return str(number) if set(value) & set(".eE") else str(int(value))
+            text = str(number) if set(value) & set(".eE") else str(int(value))
         except ValueError:
             return value
+        # As text, three decimals could be thousands; a number leaves no such doubt.
+        return f"{text}0" if text[-4:-3] == "." else text
 
 
 def _column_of(reference: str, last: int) -> int:

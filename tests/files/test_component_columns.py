@@ -155,14 +155,23 @@ def test_a_sheet_for_each_axis_a_protocol_and_squareness_are_one_map(tmp_path):
     ]
 
 
+def test_a_number_of_three_decimals_is_none_in_thousands(tmp_path):
+    """Beside cells of text with decimal commas."""
+    rows = [["X [mm]", "EXX [µm]", "EYX [µm]"], [0, "0,5", 1.284], [9.0, "1,25", 1.5]]
+    assert numbers(read(tmp_path, rows))["EYX"]["errors_um"] == [1.284, 1.5]
+
+
 def test_sheets_may_repeat_their_head_and_not_contradict_each_other(tmp_path):
-    head = [["Title", "18 °C"], ["Bed front", "18,1", "°C"]]
+    head = [["Titel", "18 °C"], ["Messgerät", "XL-80"], ["Bed front", "18,1", "°C"]]
     same = workbook(tmp_path / "p.xlsx", [*head, *X], [*head, *Y])
-    assert read_error_map(same, STATED).error_map.temperatures_c["Bed front"] == 18.1
-    other = workbook(tmp_path / "p.xlsx", [*head, *X], [head[0], ["Bed front", 19, "°C"], *Y])
+    found = read_error_map(same, STATED)
+    assert found.error_map.temperatures_c["Bed front"] == 18.1
+    assert found.error_map.instrument == "XL-80"
+    assert found.remarks == []
+    other = workbook(tmp_path / "p.xlsx", [*head, *X], [*head[:2], ["Bed front", 19, "°C"], *Y])
     with pytest.raises(
         UnreadableFile,
-        match=r"sheet 'Sheet 2', line 2: expected the temperature of Bed front once, got 18.1 and",
+        match=r"sheet 'Sheet 2', line 3: expected the temperature of Bed front once, got 18.1 and",
     ):
         read_error_map(other, STATED)
 
