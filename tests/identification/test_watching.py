@@ -118,7 +118,7 @@ def watched(campaign):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_machine_as_its_model_says_stays_within(seed):
     _, campaign = verifications_of(seed)
     judgements = watched(campaign)
