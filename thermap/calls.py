@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, Union, cast
 from urllib.parse import quote
 
 import httpx
@@ -20,7 +20,6 @@ from thermap.answers import (
     AccessKey,
     AccuracyAnswer,
     AnswerHead,
-    BodyDiagonalAnswer,
     ChangedModelAnswer,
     CompareAnswer,
     CompensationAnswer,
@@ -28,7 +27,6 @@ from thermap.answers import (
     ControllersAnswer,
     CorrelationAnswer,
     CurrentCompensationAnswer,
-    DrilledPlateAnswer,
     ErrorMapAnswer,
     Events,
     ExportAnswer,
@@ -38,7 +36,6 @@ from thermap.answers import (
     LevelsAnswer,
     LinesAnswer,
     MachineAnswer,
-    MachinedPartAnswer,
     MachineStatus,
     MapPreview,
     MeasurementAnswer,
@@ -47,7 +44,6 @@ from thermap.answers import (
     NeededAnswer,
     NewAccessKey,
     ParseAnswer,
-    PositioningAnswer,
     PredictionAnswer,
     PresetAnswer,
     PreviewAnswer,
@@ -55,13 +51,10 @@ from thermap.answers import (
     ReadyAnswer,
     Receiver,
     Receivers,
-    RotaryAxisAnswer,
     RotaryErrorAnswer,
     SimulatedStepDiagonal,
-    StepDiagonalAnswer,
     StoredReadings,
     StoredVerificationAnswer,
-    ThermalDriftAnswer,
     VerificationPreview,
     VisitPreview,
     WaitingAssignmentAnswer,
@@ -90,15 +83,10 @@ ImportedFile: TypeAlias = (
     | VerificationPreview
     | VisitPreview
     | MeasurementAnswer
-    | PositioningAnswer
-    | StepDiagonalAnswer
-    | BodyDiagonalAnswer
-    | MachinedPartAnswer
-    | DrilledPlateAnswer
-    | RotaryAxisAnswer
-    | ThermalDriftAnswer
 )
 """What a file is answered with: what was stored, a preview of it, or what readings yield."""
+
+_FILE_ANSWER: Any = Union[ImportedFile, *MeasurementAnswer.__subclasses__()]
 
 READINGS_A_CALL: Final = 10_000
 """As many as the service takes in one request."""
@@ -617,7 +605,7 @@ def send_file(
     query = {"name": name, **beside, **storing.query}
     query |= {} if storing.store else {"store": "false"}
     query |= {"store_verification": "true"} if storing.verification else {}
-    answered = reader_of(cast("type[ImportedFile]", ImportedFile))
+    answered = reader_of(cast("type[ImportedFile]", _FILE_ANSWER))
     return Call("POST", of_machine(machine_id, "files"), answered, content, query=query)
 
 
