@@ -48,15 +48,18 @@ class Answer:
     """Base of dataclasses that are answers.
 
     The text under a field describes it in the OpenAPI document, where the class stands as
-    `published_as`. What a newer version writes beside the fields is passed over when it is read;
-    a number that is not finite is written as null.
+    `published_as`. One is not `whole` where some routes leave its nulls out. What a newer version
+    writes beside the fields is passed over when it is read; a number that is not finite is written
+    as null.
     """
 
     __slots__ = ()
     published_as: ClassVar[str]
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict()
 
-    def __init_subclass__(cls, published_as: str | None = None, **more: Any) -> None:
+    def __init_subclass__(
+        cls, published_as: str | None = None, *, whole: bool = True, **more: Any
+    ) -> None:
         super().__init_subclass__(**more)
         # dataclass(slots=True) makes the class again, without what stood behind its name.
         if "published_as" not in vars(cls):
@@ -64,7 +67,7 @@ class Answer:
             cls.__pydantic_config__ = ConfigDict(
                 title=cls.published_as,
                 serialize_by_alias=True,
-                json_schema_serialization_defaults_required=True,
+                json_schema_serialization_defaults_required=whole,
                 json_schema_extra=_as_answer,
             )
 
@@ -87,18 +90,20 @@ def _below(shape: type[Answer]) -> Iterator[type[Answer]]:
 
 
 def _as_answer(schema: dict[str, Any], shape: type[Answer]) -> None:
-    """Say of an answer what is so of all: every field is there, and no other; and what each is."""
+    """Say of an answer that it has no other fields, and what each of them is."""
     schema["additionalProperties"] = False
     properties = schema.get("properties", {})
-    for field in properties.values():
-        field.pop("default", None)
+    for name, field in properties.items():
+        if name in schema.get("required", ()):
+            field.pop("default", None)
         # A property's docstring is a sentence, what stands under a field is none.
         if field.pop("readOnly", False):
             field["description"] = " ".join(field["description"].removesuffix(".").split())
     hints = get_type_hints(shape, include_extras=True)
     for name, words in _words_under_fields(shape):
         published = FieldInfo.from_annotation(hints[name]).alias or name
-        properties[published]["description"] = " ".join(words.split())
+        if published in properties:  # else it is excluded
+            properties[published]["description"] = " ".join(words.split())
 
 
 def _words_under_fields(shape: type[Answer]) -> Iterator[tuple[str, str]]:

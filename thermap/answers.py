@@ -576,13 +576,16 @@ class ConnectionsNow(Shape):
 class CoverageAnswer(Shape):
     """One thing that one version's table has and another's lacks."""
 
-    component: str | None = None
-    """Component code; null where it concerns no single one"""
-
-    what: str
+    what: Literal["component", "positions", "temperatures", "direction", "completeness"]
     """`component`, `positions`, `temperatures` (between maps), `direction` (the two directions of
     approach) or `completeness`
     """
+
+    text: str
+    """The same in words"""
+
+    component: str | None = None
+    """Component code; null where it concerns no single one"""
 
     from_mm: float | None = None
     """Lowest position [mm]; null for an open end, and without positions"""
@@ -598,9 +601,6 @@ class CoverageAnswer(Shape):
 
     to_c: float | None = None
     """Highest temperature [°C]"""
-
-    text: str
-    """The same in words"""
 
 
 class DriftStateAnswer(Components):
@@ -1591,12 +1591,10 @@ class ReadingSchema(Shape):
     """Live temperatures and the machine's state at one time."""
 
     time: AwareDatetime
-    """When, with a zone, from the year 1900 on; what lies in the future is not used before its
-    time, and refused if it is more than a day ahead
-    """
+    """When, UTC"""
 
     temperatures_c: dict[str, float]
-    """Temperatures by sensor [°C]; leave a failed sensor out"""
+    """Temperatures by sensor [°C]"""
 
     state: dict[str, float] = {}
     """Any numbers that the shop knows of the machine's state"""
@@ -1779,10 +1777,9 @@ class SensorCorrelationAnswer(Shape):
     """Sensor"""
 
     r: float | None
-    """Pearson's correlation; null where there is none"""
-
-    confidence_95: list[float] | None
-    """Its 95 % confidence interval; null for fewer than four maps"""
+    """Pearson's correlation, positive where the error at the position that changes most grows with
+    the temperature; null where there is none
+    """
 
     maps: int
     """Number of maps that it rests on"""
@@ -1792,6 +1789,9 @@ class SensorCorrelationAnswer(Shape):
 
     reason: str
     """Why there is no r, or why it cannot be proposed; else empty"""
+
+    confidence_95: list[float] | None
+    """Its 95 % confidence interval; null for fewer than four maps"""
 
 
 class SensorNow(Shape):
@@ -3575,23 +3575,23 @@ class ProposalAnswer(Shape):
     component: str
     """Component code"""
 
-    chapter: str
-    """The chapter's notation"""
-
     current: str | None
     """Sensor assigned now"""
 
     proposed: str | None
     """Sensor that the maps speak for"""
 
-    reason: str
-    """Why"""
-
     maps: int
     """Number of maps that have the component"""
 
     correlations: list[SensorCorrelationAnswer]
     """One for each sensor"""
+
+    reason: str
+    """Why"""
+
+    chapter: str
+    """The chapter's notation"""
 
 
 class RecordedChangesAnswer(Shape):
@@ -3602,17 +3602,17 @@ class RecordedChangesAnswer(Shape):
     temperature as can be; 0 where there are none
     """
 
-    first_at: AwareDatetime | None = None
-    """The first of them, UTC; null without any"""
-
-    last_at: AwareDatetime | None = None
-    """The last of them, UTC; null without any"""
-
     changes: list[ChangeThenAnswer]
     """The largest change over them of each component that changes more there than at the latest
     reading, the largest number first (1 µrad counts as 1 µm); what adopted effects make of the past
     (lags) is not in it
     """
+
+    first_at: AwareDatetime | None = None
+    """The first of the moments, UTC; null without any"""
+
+    last_at: AwareDatetime | None = None
+    """The last of them, UTC; null without any"""
 
 
 class ResidualsAnswer(Shape):

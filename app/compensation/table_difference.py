@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import Answer, Code, UnitSymbol
 from app.arrays import FloatArray
 from app.compensation.table import CompensationTable, ComponentCompensation
-from app.geometry.components import Component
 
 
-@dataclass(frozen=True, slots=True)
-class ComponentChange:
-    """The largest change of one component's error from one table to the next.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComponentChange(Answer, published_as="ComponentChangeAnswer", whole=False):
+    """The largest change of one component's error."""
 
-    `change` is signed, in the component's unit; `position_mm` says where, None for a component
-    without positions, and `is_backward` in which direction of approach. The statuses say how
-    both came about.
-    """
-
-    component: Component
+    component: Code
+    """Component code"""
+    chapter: Annotated[str, Field(examples=["D_x(x)"])]
+    """The chapter's notation"""
     change: float
-    position_mm: float | None
-    is_backward: bool
-    status_before: str
-    status_after: str
+    """Error afterwards minus error before, in `unit`"""
+    unit: UnitSymbol
+    """Unit of the change"""
+    position_mm: float | None = None
+    """Where [mm]; null without positions"""
+    direction: Literal["+", "-"]
+    """Direction of approach in which it is so"""
+    status_before: Annotated[str, Field(examples=["clamped"])]
+    """How it comes about now"""
+    status_after: Annotated[str, Field(examples=["at-map"])]
+    """How it would come about"""
 
 
 def component_changes(before: CompensationTable, after: CompensationTable) -> list[ComponentChange]:
@@ -57,10 +64,12 @@ def _change(before: ComponentCompensation, after: ComponentCompensation) -> Comp
     side = int(np.abs(sides[1]).max() > np.abs(sides[0]).max())
     at = int(np.abs(sides[side]).argmax())
     return ComponentChange(
-        component=after.component,
+        component=after.component.code,
+        chapter=after.component.chapter,
         change=float(sides[side][at]),
+        unit=after.component.unit.symbol,
         position_mm=float(positions[at]) if positions.size else None,
-        is_backward=bool(side),
+        direction="-" if side else "+",
         status_before=str(before.basis.status),
         status_after=str(after.basis.status),
     )

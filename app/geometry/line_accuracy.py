@@ -10,10 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import Field
+
+from app.answer import Answer, shown
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Kind
+from app.rounding import Digits, Micro
 
 STRAIGHTNESS_CODES: Final = tuple(
     code for code, component in COMPONENTS.items() if component.kind is Kind.STRAIGHTNESS
@@ -21,24 +25,18 @@ STRAIGHTNESS_CODES: Final = tuple(
 
 
 @dataclass(frozen=True, slots=True)
-class LineAccuracy:
-    """Volumetric accuracy from lines.
+class LineAccuracy(Answer, published_as="LinesAnswer"):
+    """Volumetric accuracy from lines (Table 8.2)."""
 
-    Parameters
-    ----------
-    elv_um
-        ELv, from displacements alone [µm].
-    elsv_um
-        ELSv, from displacements and straightness [µm].
-    """
+    elv_um: Annotated[Micro, Field(alias="ELv_um", examples=[25.55])]
+    """From displacements alone [µm]"""
+    elsv_um: Annotated[Micro, Field(alias="ELSv_um", examples=[42.81])]
+    """From displacements and straightness [µm]"""
 
-    elv_um: float
-    elsv_um: float
-
-    @property
-    def ratio(self) -> float:
-        """The chapter's multiple factor M1, ELSv/ELv; NaN where ELv is 0."""
-        return self.elsv_um / self.elv_um if self.elv_um else math.nan
+    @shown
+    def ratio(self) -> Annotated[Digits | None, Field(examples=[1.68])]:
+        """ELSv/ELv, the chapter's M1; null where ELv is 0."""
+        return self.elsv_um / self.elv_um if self.elv_um else None
 
 
 def line_accuracy(

@@ -7,27 +7,29 @@ of the 36 slopes are negligible on any machine; a preset names those that are no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import Field
+
+from app.answer import Answer
 from app.errors import UnknownThing, list_names
 from app.geometry.components import parse_component
 
 
 @dataclass(frozen=True, slots=True)
-class NonrigidPreset:
-    """A kind of machine and the nonrigid slopes that it has.
+class NonrigidPreset(Answer, published_as="PresetAnswer"):
+    """A kind of machine that is not rigid (C. Wang, 8.19–8.54)."""
 
-    Parameters
-    ----------
-    slopes
-        Component codes of the slopes that are not negligible.
-    """
-
-    name: str
-    configuration: str
-    equations: str
+    name: Annotated[str, Field(examples=["large-gantry"])]
+    """How it is asked for"""
+    configuration: Annotated[str, Field(examples=["XYFZ"])]
+    """The chain that the source gives it"""
+    equations: Annotated[str, Field(examples=["8.37–8.54"])]
+    """Where it is printed"""
     reason: str
-    slopes: tuple[str, ...]
+    """What bends it"""
+    slopes: Annotated[tuple[str, ...], Field(examples=[["EXY^x"]])]
+    """The nonrigid slopes that are not negligible on it"""
 
 
 def _codes(printed: str) -> tuple[str, ...]:

@@ -15,9 +15,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import Annotated
 
+from pydantic import Field
 from sqlalchemy.orm import Session
 
+from app.answer import Answer
 from app.effects.adopted.carry_over import Change, carry_over
 from app.effects.adopted.model_difference import (
     ModelDifference,
@@ -88,21 +91,26 @@ class Draft:
     model: CompiledModel
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WaitedBefore:
-    """The version that waited already when another was made, which contains what it contains.
+@dataclass(frozen=True, slots=True)
+class WaitingMap(Answer, published_as="WaitingMapAnswer"):
+    """A map that the version that waits has, and the active one has not."""
 
-    `maps` are those that the active version does not have, and `loses` is what it lacks
-    against that.
-    """
+    id: Annotated[int, Field(examples=[4])]
+    """The map's number"""
+    label: Annotated[str, Field(examples=["short"])]
+    """The map's name"""
 
-    version: int
-    maps: Sequence[StoredMap]
+
+@dataclass(frozen=True, slots=True)
+class WaitedBefore(Answer, published_as="WaitedBeforeAnswer"):
+    """What waited already when this version was made: this version contains it."""
+
+    model_version: Annotated[int, Field(examples=[4])]
+    """The version that waited"""
+    maps: Sequence[WaitingMap]
+    """Its maps that the active version has not: without them nothing waits, or something else"""
     loses: Sequence[Part]
-
-    def of_these(self, loses: Iterable[Part]) -> list[Part]:
-        """Pick what is its doing of what another version loses that contains it."""
-        return [part for part in loses if any(lost_part.contains(part) for lost_part in self.loses)]
+    """Which of the version's `loses` are its doing; the others are new"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,18 +215,21 @@ def difference_to_active(
     return model_difference(before, after, _known_states(context, change.row.id))
 
 
-def waited_before(context: Context, change: MachineChange) -> WaitedBefore | None:
-    """Say what waits already, before another version is made: what is lost may be its doing."""
+def waited_before(
+    context: Context, change: MachineChange, loses: Sequence[Part]
+) -> WaitedBefore | None:
+    """Say what waits already, before a version is made that loses this: it may be its doing."""
     active, waiting = change.version, change.waiting
     if active is None or waiting is None:
         return None
     model = compile_version(change.machine, waiting)
     after = ModelWithEffects(model, adopted_effects(waiting))
     map_ids = {stored.id for stored in active.maps}
+    lost = difference_to_active(context, change, after).loses
     return WaitedBefore(
-        version=waiting.version,
-        maps=[stored for stored in waiting.maps if stored.id not in map_ids],
-        loses=difference_to_active(context, change, after).loses,
+        model_version=waiting.version,
+        maps=[WaitingMap(m.id, m.error_map.label) for m in waiting.maps if m.id not in map_ids],
+        loses=[part for part in loses if any(known.contains(part) for known in lost)],
     )
 
 
@@ -242,7 +253,7 @@ def make_version(
         Whether it is activated whatever it loses.
     """
     difference = difference_to_active(context, change, ModelWithEffects(draft.model, draft.effects))
-    before = waited_before(context, change)
+    before = waited_before(context, change, difference.loses)
     version = insert_version(
         change.session,
         change.row,

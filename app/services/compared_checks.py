@@ -89,9 +89,8 @@ def show_compared_checks(context: Context, machine_id: str, a: int, b: int) -> C
     if not checks:
         return ComparedChecks(a, b, why_not="no check is stored")
     try:
-        _, (first, second) = compare_models(
-            context, machine_id, [check.id for check in checks], [a, b]
-        )
+        numbers = [check.id for check in checks]
+        first, second = compare_models(context, machine_id, numbers, [a, b]).versions
     except ThermapError as error:
         return ComparedChecks(a, b, left_out=left_out, why_not=error.detail)
     learned = {number for numbers in adopted for number in numbers}

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import FloatArray
 from app.errors import InvalidContent, counted, list_names
 from app.geometry.compensation_levels import CompensationLevel, compensation_levels
-from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER
 from app.geometry.needed_components import needed_components
 from app.geometry.nonrigid_presets import NonrigidPreset, find_preset
 from app.geometry.rotary_axes import location_codes, rotary_location_error
@@ -30,23 +32,37 @@ MOST_NUMBERS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class NeededComponents:
-    """The components that a machine's volumetric error consists of.
+class NeededComponent(Answer):
+    """One error that the volumetric error of the machine consists of."""
 
-    `in_model` are those that the active model's maps have: with at least one map, which
-    is not yet enough to follow a temperature.
-    """
+    component: Annotated[str, Field(examples=["EXY^x"])]
+    """ISO 230-1 code"""
+    chapter: Annotated[str, Field(examples=["D_x^x(y)"])]
+    """The chapter's notation"""
+    kind: Annotated[str, Field(examples=["nonrigid slope"])]
+    """Its group"""
+    unit: Annotated[str, Field(examples=["µm/m"])]
+    """Unit of its values"""
+    in_model: bool
+    """Whether the active model's maps have it"""
 
-    machine: Machine
+
+@dataclass(frozen=True, slots=True)
+class NeededComponents(Answer, published_as="NeededAnswer"):
+    """Which errors have to be measured, and which of them the active model lacks."""
+
+    machine: Annotated[str, Field(examples=["mcfv5050"])]
+    """Machine"""
+    configuration: Annotated[str, Field(examples=["XYFZ"])]
+    """Its kinematic chain"""
     preset: NonrigidPreset | None
-    needed: Sequence[Component]
-    in_model: frozenset[str]
+    """The kind of machine that was asked for; null for a rigid one"""
+    components: Sequence[NeededComponent]
+    """What has to be measured, in order"""
+    missing: Annotated[Sequence[str], Field(examples=[["EXY^x"]])]
+    """Of these, what no map of the active model has"""
     warnings: Sequence[str]
-
-    @property
-    def missing(self) -> list[str]:
-        """Those that have to be measured still."""
-        return [component.code for component in self.needed if component.code not in self.in_model]
+    """What to know beside it"""
 
 
 def check_components(
@@ -74,11 +90,17 @@ def check_components(
                 f"the preset {kind.name} is given for {kind.configuration} ({kind.equations}); "
                 f"this machine is {chain.text}: judge whether its axes bend in the same way"
             )
+    have = {code for group in model.groups for code in group.codes}
+    needed = [COMPONENTS[code] for code in sorted(codes, key=ORDER.__getitem__)]
     return NeededComponents(
-        machine=model.machine,
+        machine=model.machine.id,
+        configuration=chain.text,
         preset=kind,
-        needed=[COMPONENTS[code] for code in sorted(codes, key=ORDER.__getitem__)],
-        in_model=frozenset(code for group in model.groups for code in group.codes),
+        components=[
+            NeededComponent(c.code, c.chapter, c.kind.value, c.unit.symbol, c.code in have)
+            for c in needed
+        ],
+        missing=[c.code for c in needed if c.code not in have],
         warnings=warnings,
     )
 

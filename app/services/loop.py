@@ -138,7 +138,7 @@ def _later_visits(
         return LaterVisits(later)
     versions = [analysis.task.model_version, adopted_version]
     try:
-        _, compared = compare_models(context, machine_id, later, versions)
+        compared = compare_models(context, machine_id, later, versions).versions
         before, after = (v.report for v in compared)
     except ThermapError as error:
         return LaterVisits(later, why_not=error.detail)

@@ -93,7 +93,7 @@ def store_measurement(
     error_map = map_of_result(machine, method, header, result)
     if storing.preview:
         preview = preview_error_map(context, machine.id, error_map)
-        return Measured(machine, method, result, None, preview.remarks, preview)
+        return Measured(machine, method, result, None, preview.warnings, preview)
     stored = store_error_map(context, machine.id, error_map, accept_losses=storing.accept_losses)
     return Measured(stored.machine, method, result, stored, stored.remarks)
 

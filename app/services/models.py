@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Annotated, Literal
 
+from pydantic import Field, InstanceOf
+
+from app.answer import Answer
 from app.compensation.table import CompensationTable
 from app.compensation.table_difference import ComponentChange, component_changes
-from app.effects.adopted.model_difference import ModelDifference, ModelWithEffects
+from app.effects.adopted.model_difference import ModelWithEffects, Part
 from app.effects.effect import Effect
 from app.errors import FieldError, InvalidContent, ThermapError, UnknownThing
 from app.live.registry import LiveMachine, LiveModel
@@ -54,25 +58,40 @@ class PresentChange:
     after: CompensationTable | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Preview:
-    """What another version would do to the tables.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Preview(Answer, published_as="PreviewAnswer", whole=False):
+    """What a change would do to the tables; nothing is stored."""
 
-    `activates` says whether it would be activated without more ado, and `reason` what would
-    make it; `active_version` is the one that it is held against, None before the first, and
-    `waited_before` what waits already, which may be why something is lost. `recorded`
-    compares tables at what was recorded before the latest reading. `remarks` say what is unusual
-    about what would be stored.
-    """
-
-    reason: str
-    active_version: int | None
-    activates: bool
-    difference: ModelDifference
-    present: PresentChange
-    waited_before: WaitedBefore | None
+    preview: Literal[True] = True
+    """That nothing is stored"""
+    reason: Annotated[str, Field(examples=["map 'Run #7' stored"])]
+    """What would make the version, and which effects it would not keep"""
+    active_version: Annotated[int | None, Field(examples=[3])] = None
+    """The version that it is compared with; null before the first"""
+    activated: bool
+    """Whether it would be activated without more ado"""
+    loses: Sequence[Part]
+    """What its tables lack against those of the version active before"""
+    gains: Sequence[Part]
+    """What its tables have beyond those"""
+    waited_before: WaitedBefore | None = None
+    """What waited already; null where nothing did"""
+    reading_time: datetime | None = None
+    """Time of the latest reading, at which `changes` hold; null without, UTC"""
+    temperatures_c: Mapping[str, float]
+    """Its temperatures [°C]"""
+    changes: Sequence[ComponentChange]
+    """By how much each component that stays would change then, largest number first (1 µrad counts
+    as 1 µm)"""
+    not_compared: str
+    """Why nothing is known of changes, such as that there is no reading; else empty"""
     recorded: RecordedChanges
-    remarks: Sequence[str] = ()
+    """The same at what was recorded before: a map whose temperatures are wrong may change nothing
+    at the latest reading"""
+    warnings: Sequence[str] = ()
+    """What is unusual about what would be stored, such as numbers that may be in another unit"""
+    before: Annotated[InstanceOf[CompensationTable] | None, Field(exclude=True)] = None
+    after: Annotated[InstanceOf[CompensationTable] | None, Field(exclude=True)] = None
 
 
 def preview_draft(
@@ -120,11 +139,17 @@ def _preview(
     return Preview(
         reason=reason,
         active_version=change.row.active_version,
-        activates=activates or not difference.loses,
-        difference=difference,
-        present=present,
-        waited_before=waited_before(context, change),
+        activated=activates or not difference.loses,
+        loses=difference.loses,
+        gains=difference.gains,
+        waited_before=waited_before(context, change, difference.loses),
+        reading_time=present.reading_time,
+        temperatures_c=present.temperatures_c,
+        changes=present.changes,
+        not_compared=present.why_not,
         recorded=_recorded_changes(context, change, model, effects, present.changes),
+        before=present.before,
+        after=present.after,
     )
 
 
@@ -137,7 +162,7 @@ def _recorded_changes(
 ) -> RecordedChanges:
     """Compare the active model's tables with another's at what was recorded."""
     if change.version is None:
-        return RecordedChanges()
+        return RecordedChanges(0, ())
     live = _live_machine(context, change)
     after = _with_other(live.current, model, effects)
     until = context.usable_until()

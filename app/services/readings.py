@@ -16,6 +16,7 @@ from typing import Final
 from sqlalchemy.exc import IntegrityError
 
 from app.access.authorization import Authorization, as_service, asking
+from app.answer import Answer
 from app.errors import (
     AccessRefused,
     Conflict,
@@ -59,16 +60,18 @@ _time: Final = attrgetter("time")
 
 
 @dataclass(frozen=True, slots=True)
-class StoreOutcome:
-    """How many readings are new, how many were there already, and what is to be said of them.
-
-    `ahead` counts those of both that lie in the future.
-    """
+class StoreOutcome(Answer, published_as="StoredReadings", whole=False):
+    """What became of the readings."""
 
     stored: int
+    """Readings that are new"""
     duplicates: int
-    ahead: int
-    warnings: Sequence[str]
+    """Readings that were there already, with the same content"""
+    ahead: int = 0
+    """How many of them lie in the future and are not used before their time; left out where none
+    does"""
+    warnings: tuple[str, ...] = ()
+    """What is to be said of them, in sentences; left out where nothing is"""
 
 
 @dataclass(eq=False, slots=True)
@@ -348,7 +351,7 @@ def _follow(
 def _outcome(stored: int, sent: int, once: Sequence[Reading], until: datetime) -> StoreOutcome:
     old = once[: bisect_left(once, until - LONG_AGO, key=_time)]
     ahead = once[bisect_right(once, until, key=_time) :]
-    warnings = [*old_warnings(old), *ahead_warnings(ahead)]
+    warnings = (*old_warnings(old), *ahead_warnings(ahead))
     return StoreOutcome(stored, sent - stored, len(ahead), warnings)
 
 

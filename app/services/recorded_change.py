@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 from sqlalchemy.orm import Session
 
+from app.answer import Answer, fields_of
 from app.compensation.table_difference import ComponentChange, component_changes
 from app.errors import ThermapError
 from app.live.registry import LiveModel
@@ -44,29 +46,31 @@ AROUND: Final = 30
 by those before it."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChangeThen:
-    """The largest change of one component over the recorded moments, and which one that was."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeThen(ComponentChange, published_as="ChangeThenAnswer", whole=False):
+    """The largest change of one component's error over what was recorded, and when that was."""
 
-    change: ComponentChange
     time: datetime
+    """Time of that reading, UTC"""
     temperatures_c: Mapping[str, float]
+    """The temperatures then [°C]"""
 
 
 @dataclass(frozen=True, slots=True)
-class RecordedChanges:
-    """How many recorded moments were compared, from when to when, and what changed more then.
+class RecordedChanges(Answer, published_as="RecordedChangesAnswer", whole=False):
+    """By how much tables would have differed at what was recorded, up to the latest reading."""
 
-    `changes` are of the components whose change at one of them is larger than at the latest
-    reading, or that have none there.
-
-    `first_at` and `last_at` are None where none could be.
-    """
-
-    count: int = 0
+    count: Annotated[int, Field(examples=[24])]
+    """At how many recorded moments tables were compared: a few dozen of them, as far apart in
+    temperature as can be; 0 where there are none"""
+    changes: Sequence[ChangeThen]
+    """The largest change over them of each component that changes more there than at the latest
+    reading, the largest number first (1 µrad counts as 1 µm); what adopted effects make of the past
+    (lags) is not in it"""
     first_at: datetime | None = None
+    """The first of the moments, UTC; null without any"""
     last_at: datetime | None = None
-    changes: Sequence[ChangeThen] = ()
+    """The last of them, UTC; null without any"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,22 +108,23 @@ def recorded_changes(
             continue  # a sensor was missing then, or the machine's policy has no table there
         times.append(moment.time)
         for change in component_changes(*tables):
-            code = change.component.code
-            if code not in largest or abs(change.change) > abs(largest[code].change.change):
-                largest[code] = ChangeThen(change, moment.time, moment.temperatures_c)
+            code = change.component
+            if code not in largest or abs(change.change) > abs(largest[code].change):
+                largest[code] = ChangeThen(
+                    **fields_of(change), time=moment.time, temperatures_c=moment.temperatures_c
+                )
     if not times:
-        return RecordedChanges()
+        return RecordedChanges(0, ())
     least = {
-        change_now.component.code: max(CLEARLY * abs(change_now.change), LEAST)
-        for change_now in now
+        change_now.component: max(CLEARLY * abs(change_now.change), LEAST) for change_now in now
     }
     further = [
         further_change
         for code, further_change in largest.items()
-        if abs(further_change.change.change) >= least.get(code, LEAST)
+        if abs(further_change.change) >= least.get(code, LEAST)
     ]
-    ordered = sorted(further, key=lambda component_change: -abs(component_change.change.change))
-    return RecordedChanges(len(times), min(times), max(times), ordered)
+    ordered = sorted(further, key=lambda component_change: -abs(component_change.change))
+    return RecordedChanges(len(times), ordered, min(times), max(times))
 
 
 def temperatures_then(session: Session, machine: Machine, time: datetime) -> dict[str, float]:

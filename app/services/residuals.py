@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field, InstanceOf
 from sqlalchemy.orm import Session
 
+from app.answer import Answer
 from app.arrays import BoolArray
 from app.effects.observations import Verification
 from app.effects.past import needed_past
 from app.effects.projection import Projection
 from app.errors import InvalidContent, expect_each_once
-from app.identification.analysis.residual_report import ResidualReport, residual_report
+from app.identification.analysis.residual_report import ResidualReport, Size, residual_report
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.observed_scatter import observed_scatter
 from app.identification.residuals.residuals import Residuals
@@ -168,16 +170,35 @@ def residuals_of_version(version: int, campaign: Campaign) -> Residuals:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ComparedVersion:
-    """One version: its residuals on what all versions can be held against.
-
-    `reason` says what made the version, and `active` whether tables are computed with it.
-    """
+class ComparedVersion(Answer, published_as="ComparedVersionAnswer"):
+    """One version, on the values that can be compared with all of them."""
 
     version: int
+    """Number of the version"""
     reason: str
+    """What made it"""
     active: bool
-    report: ResidualReport
+    """Whether tables are computed with it now"""
+    overall: Size | None
+    """All lengths; null where nothing is one"""
+    components: Sequence[Size]
+    """Each component in its own unit"""
+    contradiction: str | None
+    """What is said of a stated repeatability that nearly all lengths contradict, as in an analysis:
+    the figures rest on what they show; null where nothing is contradicted"""
+    report: Annotated[InstanceOf[ResidualReport], Field(exclude=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelComparison(Answer, published_as="ModelComparisonAnswer"):
+    """Versions side by side, in the order in which they were named."""
+
+    verifications: Sequence[int]
+    """Numbers of the verifications"""
+    values: int
+    """Values that can be compared with all versions"""
+    versions: Sequence[ComparedVersion]
+    """The versions"""
 
 
 def compare_models(
@@ -185,14 +206,10 @@ def compare_models(
     machine_id: str,
     verification_ids: Sequence[int] | None,
     versions: Sequence[int],
-) -> tuple[Sequence[int], list[ComparedVersion]]:
+) -> ModelComparison:
     """Compare versions on the observations that every one of them can be held against.
 
-    Returns
-    -------
-    sequence of int, list of ComparedVersion
-        The numbers of the verifications, which are all that are stored if None is stated; and
-        the versions as they were named.
+    Where None is stated these are those of all verifications that are stored.
 
     Raises
     ------
@@ -213,15 +230,23 @@ def compare_models(
         raise InvalidContent.of_field(
             "versions", "expected observations that all versions can be held against, got none"
         )
-    return chosen, [
+    reports = [
+        residual_report(_restricted(own, common), observed_scatter(campaign, own))
+        for own, campaign in zip(residuals, campaigns, strict=True)
+    ]
+    compared = [
         ComparedVersion(
             version.version,
             version.reason,
             version.version == active.version,
-            residual_report(_restricted(own, common), observed_scatter(campaign, own)),
+            report.overall,
+            report.components,
+            report.contradiction,
+            report,
         )
-        for version, own, campaign in zip(stored, residuals, campaigns, strict=True)
+        for version, report in zip(stored, reports, strict=True)
     ]
+    return ModelComparison(chosen, reports[0].count, compared)
 
 
 def _restricted(residuals: Residuals, common: BoolArray) -> Residuals:

@@ -164,7 +164,7 @@ def keep_drift(
     notes = [*table_remarks(machine, drift.result.tables), *about]
     measured = Measured(machine, "thermal-drift", drift.result, None, notes)
     if storing.preview:
-        notes = [*previews[-1].remarks, *about]
+        notes = [*previews[-1].warnings, *about]
         measured = replace(measured, remarks=notes, preview=previews[-1])
     elif maps:
         stored = store_error_maps(context, machine.id, maps, accept_losses=storing.accept_losses)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -79,11 +80,12 @@ class NumberedReading(NamedTuple):
     reading: Reading
 
 
-class WithdrawnReading(NamedTuple):
-    """A reading that somebody withdrew, and when."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WithdrawnReading(Reading, published_as="WithdrawnReadingAnswer", whole=False):
+    """A reading that was withdrawn: it counts nowhere."""
 
-    reading: Reading
     withdrawn_at: datetime
+    """When it was withdrawn, UTC"""
 
 
 class AddedReadings(NamedTuple):
@@ -297,7 +299,7 @@ def list_withdrawn(
         query = query.where(WithdrawnReadingRow.time <= until)
     ordered = query.order_by(WithdrawnReadingRow.time, WithdrawnReadingRow.id).limit(limit)
     return [
-        WithdrawnReading(Reading(row.time, row.temperatures_c, row.state), row.withdrawn_at)
+        WithdrawnReading(row.time, row.temperatures_c, row.state, withdrawn_at=row.withdrawn_at)
         for row in session.scalars(ordered)
     ]
 

@@ -14,13 +14,16 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import Answer, Code, shown
 from app.arrays import FloatArray
 from app.errors import Conflict, InvalidContent, list_names
-from app.geometry.components import ORDER
+from app.geometry.components import COMPONENTS, ORDER
+from app.rounding import Digits
 from app.thermal.correlation import ENOUGH, fisher_interval, pearson_r, tell_apart
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, SameTemperature, Sensor
@@ -31,55 +34,54 @@ NO_CHANGE: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class SensorCorrelation:
-    """How one component's change goes with one sensor's temperature.
+class SensorCorrelation(Answer, published_as="SensorCorrelationAnswer"):
+    """How one component's change goes with one sensor's temperature over the maps."""
 
-    Parameters
-    ----------
-    r
-        Pearson's correlation, positive where the error at the position that changes
-        most grows with the temperature; None where there is none: see `reason`.
-    r_low, r_high
-        Its 95 % confidence interval; None with fewer than four maps.
-    maps
-        Number of maps that have both the component and the sensor's temperature.
-    ties_with_best
-        Whether its |r| is not significantly below the best one's; the best ties.
-    reason
-        Why there is no r, else empty.
-    """
-
-    sensor: str
-    r: float | None
-    r_low: float | None
-    r_high: float | None
+    sensor: Annotated[str, Field(examples=["x-middle"])]
+    """Sensor"""
+    r: Digits | None
+    """Pearson's correlation, positive where the error at the position that changes most grows with
+    the temperature; null where there is none"""
+    r_low: Annotated[float | None, Field(exclude=True)]
+    r_high: Annotated[float | None, Field(exclude=True)]
     maps: int
+    """Number of maps that it rests on"""
     ties_with_best: bool
+    """Whether these maps cannot tell it from the best sensor"""
     reason: str = ""
+    """Why there is no r, or why it cannot be proposed; else empty"""
+
+    @shown
+    def confidence_95(
+        self,
+    ) -> Annotated[list[Digits], Field(min_length=2, max_length=2)] | None:
+        """Its 95 % confidence interval; null for fewer than four maps."""
+        if self.r_low is None or self.r_high is None:
+            return None
+        return [self.r_low, self.r_high]
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
-    """The sensor that a component should follow, and why.
+class Proposal(Answer, published_as="ProposalAnswer"):
+    """What the maps say about the sensor of one component."""
 
-    Parameters
-    ----------
-    current_sensor
-        The sensor that it follows: assigned, or the chapter's default; None where
-        there is neither.
-    proposed_sensor
-        The current one wherever nothing is significantly better; None where there is
-        nothing to propose.
-    correlations
-        One for each sensor, in the machine's order.
-    """
-
-    code: str
-    current_sensor: str | None
-    proposed_sensor: str | None
+    code: Annotated[Code, Field(alias="component")]
+    """Component code"""
+    current_sensor: Annotated[str | None, Field(alias="current")]
+    """Sensor assigned now"""
+    proposed_sensor: Annotated[str | None, Field(alias="proposed")]
+    """Sensor that the maps speak for"""
     maps: int
+    """Number of maps that have the component"""
     correlations: tuple[SensorCorrelation, ...]
+    """One for each sensor"""
     reason: str
+    """Why"""
+
+    @shown
+    def chapter(self) -> Annotated[str, Field(examples=["D_x(x)"])]:
+        """The chapter's notation."""
+        return COMPONENTS[self.code].chapter
 
 
 def with_patterns(assignment: Mapping[str, str], present: Collection[str]) -> dict[str, str]:

@@ -10,7 +10,6 @@ import pytest
 
 from app.api.schemas.accuracy import AccuracyAnswer, LevelsAnswer
 from app.api.schemas.grids import GridAnswer
-from app.api.schemas.needed import NeededAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer
 from tests.service_examples import (
     MACHINE,
@@ -403,7 +402,6 @@ async def test_what_a_large_gantry_must_have_measured_and_what_the_model_lacks(c
     answer = await client.get(f"{ROOM}/needed-components", params={"preset": "large-gantry"})
     assert answer.status_code == 200, answer.text
     document = answer.json()
-    NeededAnswer.model_validate(document)
     slopes = [one for one in document["components"] if one["kind"] == "nonrigid slope"]
     assert {one["component"] for one in slopes} == set(document["preset"]["slopes"])
     assert len(slopes) == 10

@@ -8,14 +8,15 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from app.api.methods.positioning import TargetAnswer
-from app.api.schemas.accuracy import LinesAnswer
 from app.api.schemas.models import AdoptedEffectAnswer
 from app.api.schemas.predictions import PredictionAnswer
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.term import Term
+from app.geometry.line_accuracy import LineAccuracy
 from tests.service_examples import ROOM, START, error_map, iso, reading, temperatures
 
 on_sqlite = pytest.mark.parametrize("furnished_url", ["sqlite"], indirect=True)
@@ -89,10 +90,8 @@ def test_small_deviations_are_rounded_to_digits_and_never_to_nothing():
 
 
 def test_ratios_have_nine_digits_and_predictions_may_be_of_several_shapes():
-    lines = LinesAnswer(ELv_um=1 / 3, ELSv_um=2 / 3, ratio=5 / 3)
-    assert json.loads(lines.model_dump_json()) == {
-        "ELv_um": 0.3333, "ELSv_um": 0.6667, "ratio": 1.66666667,
-    }  # fmt: skip
+    lines = TypeAdapter(LineAccuracy).dump_json(LineAccuracy(1 / 3, 5 / 9))
+    assert json.loads(lines) == {"ELv_um": 0.3333, "ELSv_um": 0.5556, "ratio": 1.66666667}
     kept = PredictionAnswer.model_construct(predicted_um=[1 / 3, [2 / 3, -1e-9], None])
     assert json.loads(kept.model_dump_json())["predicted_um"] == [0.3333, [0.6667, 0.0], None]
 

@@ -8,14 +8,10 @@ from pydantic import Discriminator, Field, Tag
 
 from app.api.schemas.base import Millimetres, Name, Number, Schema, Temperatures, UtcTime
 from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
-from app.api.schemas.model_change import (
-    ModelChange,
-    PreviewAnswer,
-    change_fields,
-    difference_fields,
-)
+from app.api.schemas.model_change import ModelChange, change_fields
 from app.field_errors import way_of
 from app.rounding import Digits
+from app.services.models import Preview
 
 if TYPE_CHECKING:
     from app.services.measurements import MapHeader, Measured
@@ -103,7 +99,7 @@ class MeasurementAnswer(ModelChange):
     warnings: list[str] = Field(
         default_factory=list, description="What of its file was not read; left out without one"
     )
-    preview: PreviewAnswer | None = Field(
+    preview: Preview | None = Field(
         None, description="What storing it would do to the tables, where a preview was asked for"
     )
 
@@ -126,6 +122,6 @@ def answer_fields(measured: Measured, label: str | None) -> dict[str, Any]:
     if stored is not None:
         fields |= change_fields(measured.machine.id, stored.made)
     if preview is not None:
-        fields |= difference_fields(preview.difference)
-        fields |= {"activated": preview.activates, "preview": PreviewAnswer.of(preview)}
+        fields |= {name: getattr(preview, name) for name in ("activated", "loses", "gains")}
+        fields["preview"] = preview
     return fields

@@ -29,7 +29,6 @@ from app.api.schemas.analyses import (
     AnalysisRequest,
     PlanRequest,
 )
-from app.api.schemas.model_change import PreviewAnswer
 from app.api.schemas.models import ChangedModelAnswer
 from app.identification.plan.plan import Plan
 from app.pages.analysis_report import analysis_report, visits_page
@@ -44,6 +43,7 @@ from app.services.analyses import (
     show_analyses,
     show_analysis,
 )
+from app.services.models import Preview
 from app.storage.analysis_results import AnalysisWithResult
 from app.storage.records import StoredAnalysis
 
@@ -143,7 +143,7 @@ def post_adopt(
     body: AdoptionRequest | None = None,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
-) -> ChangedModelAnswer | PreviewAnswer:
+) -> ChangedModelAnswer | Preview:
     """Make the next, active model version with these effects: all of them or none, and only once.
 
     From then on tables, predictions and everything made from them contain the effects; activating
@@ -152,10 +152,9 @@ def post_adopt(
     """
     adoption = body or AdoptionRequest()
     if preview:
-        difference = preview_adoption(
+        return preview_adoption(
             context, machine, analysis_id, adoption.effects, onto_active=adoption.onto_active
         )
-        return PreviewAnswer.of(difference)
     new_version = adopt_analysis(
         context,
         machine,

@@ -17,7 +17,7 @@ from app.api.dependencies import (
 )
 from app.api.router import Router
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
-from app.api.schemas.model_change import PreviewAnswer, change_fields
+from app.api.schemas.model_change import change_fields
 from app.services.context import Context
 from app.services.error_maps import (
     preview_error_map,
@@ -26,6 +26,7 @@ from app.services.error_maps import (
     withdraw_map,
 )
 from app.services.machines import show_error_map, show_error_maps
+from app.services.models import Preview
 from app.thermal.error_map import ErrorMap
 
 router = Router(
@@ -34,7 +35,7 @@ router = Router(
 
 NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
     200: {
-        "model": ErrorMapAnswer | PreviewAnswer,
+        "model": ErrorMapAnswer | Preview,
         "description": "The preview; or the map, which is stored already",
     }
 }
@@ -56,7 +57,7 @@ def post_error_map(
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
-) -> ErrorMapAnswer | PreviewAnswer:
+) -> ErrorMapAnswer | Preview:
     """Store a map measured in one thermal state; this makes the next model version.
 
     A version whose tables would lose something against the active one is stored and waits: the
@@ -66,7 +67,7 @@ def post_error_map(
     error_map = body.to_error_map()
     if preview:
         response.status_code = 200
-        return PreviewAnswer.of(preview_error_map(context, machine, error_map))
+        return preview_error_map(context, machine, error_map)
     return store_map(context, machine, error_map, response, accept_losses=accept_losses)
 
 
@@ -87,18 +88,18 @@ def get_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) ->
 @router.delete(
     "/{map_id}",
     summary="Delete an error map",
-    response_model=PreviewAnswer,
+    response_model=Preview,
     responses={204: {"description": "It is out of use"}, 200: {"description": "The preview"}},
 )
 def delete_error_map(
     context: ContextDep, machine: MachinePath, map_id: MapPath, preview: PreviewQuery = False
-) -> PreviewAnswer | Response:
+) -> Preview | Response:
     """Take a map out of use: the next model version is without it, older ones keep it.
 
     It is active whatever its tables lose; a preview says before what that would be.
     """
     if preview:
-        return PreviewAnswer.of(preview_withdrawal(context, machine, map_id))
+        return preview_withdrawal(context, machine, map_id)
     withdraw_map(context, machine, map_id)
     return Response(status_code=204)
 

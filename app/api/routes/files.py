@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Union
 
 from fastapi import Depends, Query, Request, Response
 
+from app.answer import fields_of
 from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.methods.registry import METHODS
@@ -162,10 +163,12 @@ def _answer_to_map(
         )
     response.status_code = 200
     previewed = preview_error_map(context, machine, error_map)
-    return MapPreview.of_map(
-        replace(previewed, remarks=[*notes, *previewed.remarks]),
-        error_map,
-        list(read_of_map(error_map).lines()),
+    fields = fields_of(previewed) | {"warnings": [*notes, *previewed.warnings]}
+    return MapPreview(
+        **fields,
+        label=error_map.label,
+        components=list(error_map.tables),
+        read=list(read_of_map(error_map).lines()),
     )
 
 

@@ -22,23 +22,22 @@ from app.api.schemas.accuracy import (
     LevelAnswer,
     LevelsAnswer,
     LevelsRequest,
-    LinesAnswer,
     LinesRequest,
     volume_of,
 )
 from app.api.schemas.error_field import head_of
 from app.api.schemas.grids import GridAnswer, GridRequest
-from app.api.schemas.needed import NeededAnswer, PresetAnswer
 from app.api.schemas.rotary import RotaryErrorAnswer, RotaryErrorRequest
 from app.api.schemas.volumetric_error import VolumetricErrorAnswer, VolumetricErrorRequest
 from app.api.table_json import OPTIONS
 from app.api.vectors import vectors_response
 from app.arrays import largest_length, rms_length
-from app.geometry.line_accuracy import line_accuracy
-from app.geometry.nonrigid_presets import NONRIGID_PRESETS
+from app.geometry.line_accuracy import LineAccuracy, line_accuracy
+from app.geometry.nonrigid_presets import NONRIGID_PRESETS, NonrigidPreset
 from app.rounding import rounded, rounded_up, to_tenth_nm
 from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
 from app.services.geometry import (
+    NeededComponents,
     assess_accuracy,
     check_components,
     compare_levels,
@@ -137,9 +136,9 @@ def post_accuracy(
 
 @router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
 @needs(Role.VIEWER)
-def post_accuracy_from_lines(body: LinesRequest) -> LinesAnswer:
+def post_accuracy_from_lines(body: LinesRequest) -> LineAccuracy:
     """Compute ELv and ELSv as the chapter's Table 8.2 has them; nothing is stored."""
-    return LinesAnswer.of(line_accuracy(body.linear_um, body.straightness_um))
+    return line_accuracy(body.linear_um, body.straightness_um)
 
 
 @router.post(
@@ -211,15 +210,15 @@ def get_needed_components(
         float,
         Query(ge=-1e6, le=1e6, allow_inf_nan=False, description="Tool offset T along z [mm]"),
     ] = 0.0,
-) -> NeededAnswer:
+) -> NeededComponents:
     """List the errors that the volumetric error consists of, and which the model lacks."""
-    return NeededAnswer.of(check_components(context, machine, (0.0, 0.0, tool_length_mm), preset))
+    return check_components(context, machine, (0.0, 0.0, tool_length_mm), preset)
 
 
 @router.get("/v1/nonrigid-presets", summary="List the kinds of machines that are not rigid")
-def get_nonrigid_presets() -> list[PresetAnswer]:
+def get_nonrigid_presets() -> list[NonrigidPreset]:
     """List which nonrigid slopes each kind of machine has (8.19–8.54)."""
-    return [PresetAnswer.of(preset) for preset in NONRIGID_PRESETS.values()]
+    return list(NONRIGID_PRESETS.values())
 
 
 def _grid_json(found: Grid) -> bytes:

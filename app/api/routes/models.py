@@ -15,7 +15,7 @@ from app.api.dependencies import (
     VersionPath,
 )
 from app.api.router import Router
-from app.api.schemas.model_change import PreviewAnswer, change_fields
+from app.api.schemas.model_change import change_fields
 from app.api.schemas.models import (
     AssignmentSchema,
     ChangedModelAnswer,
@@ -26,6 +26,7 @@ from app.api.schemas.models import (
 )
 from app.services.machines import show_coverage, show_model, show_models
 from app.services.models import (
+    Preview,
     activate_model,
     assign_sensors,
     correlate_sensors,
@@ -55,14 +56,14 @@ def put_assignment(
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
-) -> AssignmentSchema | WaitingAssignmentAnswer | PreviewAnswer:
+) -> AssignmentSchema | WaitingAssignmentAnswer | Preview:
     """Assign sensors; components that are not named keep theirs. Makes the next version.
 
     A version whose tables would lose something against the active one is stored and waits: the
     answer is 202 then, and says what is lost and how to activate it all the same.
     """
     if preview:
-        return PreviewAnswer.of(preview_assignment(context, machine, body.to_codes()))
+        return preview_assignment(context, machine, body.to_codes())
     assigned = assign_sensors(context, machine, body.to_codes(), accept_losses=accept_losses)
     assignment = AssignmentSchema.of(dict(assigned.assignment))
     if assigned.made is None or assigned.made.is_active:
@@ -103,12 +104,12 @@ def get_coverage(
 @router.post("/models/{version}/activate", summary="Activate a model version")
 def post_activate(
     context: ContextDep, machine: MachinePath, version: VersionPath, preview: PreviewQuery = False
-) -> ChangedModelAnswer | PreviewAnswer:
+) -> ChangedModelAnswer | Preview:
     """Compute tables with this version from now on, whatever they lose: the answer says what.
 
     A version that waits for its activation is given up by activating another one, also the one
     that is active: the next version is made of that.
     """
     if preview:
-        return PreviewAnswer.of(preview_model_activation(context, machine, version))
+        return preview_model_activation(context, machine, version)
     return ChangedModelAnswer.of_made(machine, activate_model(context, machine, version))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Final, cast
 
 from fastapi import Query, Request
+from pydantic import TypeAdapter
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
@@ -17,10 +18,7 @@ from app.api.router import Router
 from app.api.schemas.base import UtcTime
 from app.api.schemas.readings import (
     OneOrMoreReadings,
-    ReadingSchema,
     SentReadings,
-    StoredReadings,
-    WithdrawnReadingAnswer,
     WithdrawnReadings,
 )
 from app.api.turns import Turns
@@ -36,11 +34,15 @@ from app.services.readings import (
     withdraw_readings,
 )
 from app.services.status import machine_in_memory
+from app.storage.readings import WithdrawnReading
+from app.thermal.reading import Reading
 
 _PREFIX: Final = "/v1/machines/{machine}/readings"
 
 _direct = Router(route_class=DirectRoute, prefix=_PREFIX, tags=["readings"])
 router = Router(route_class=BodyRoute, prefix=_PREFIX, tags=["readings"])
+
+_OUTCOME: Final = TypeAdapter(StoreOutcome)
 
 
 SinceQuery = Annotated[UtcTime | None, Query(alias="from", description="From this time on")]
@@ -52,7 +54,7 @@ LimitQuery = Annotated[int, Query(ge=1, le=100_000, description="At most so many
     "",
     status_code=201,
     summary="Store readings",
-    response_model=StoredReadings,
+    response_model=StoreOutcome,
     openapi_extra=body_of_at_most(16),
 )
 @needs(Role.SENSOR)
@@ -74,7 +76,7 @@ async def post_readings(
         turns: Turns = request.app.state.turns
         async with turns.taken():
             done = await run_in_threadpool(_store, context, machine, sent)
-    return Written(StoredReadings.of(done).as_json(), status=201)
+    return Written(_OUTCOME.dump_json(done, exclude_defaults=True), status=201)
 
 
 router.routes.extend(_direct.routes)
@@ -91,13 +93,12 @@ def get_readings(
         Query(ge=0, allow_inf_nan=False, description="At most one in so many seconds [s]"),
     ] = 0.0,
     limit: LimitQuery = 10_000,
-) -> list[ReadingSchema]:
+) -> list[Reading]:
     """List readings in order of time; go on from the last one's time for more.
 
     Those that lie in the future are among them.
     """
-    readings = show_readings(context, machine, since, until, every_s, limit)
-    return [ReadingSchema.of(reading) for reading in readings]
+    return show_readings(context, machine, since, until, every_s, limit)
 
 
 @router.get("/withdrawn", summary="List withdrawn readings")
@@ -107,14 +108,13 @@ def get_withdrawn_readings(
     since: SinceQuery = None,
     until: UntilQuery = None,
     limit: LimitQuery = 10_000,
-) -> list[WithdrawnReadingAnswer]:
+) -> list[WithdrawnReading]:
     """List what was withdrawn, in order of the readings' times, with when it was withdrawn.
 
     It counts nowhere; to have it back, store it again. A time that was stored and withdrawn
     more than once is listed as often.
     """
-    readings = show_withdrawn_readings(context, machine, since, until, limit)
-    return [WithdrawnReadingAnswer.of_withdrawn(withdrawn) for withdrawn in readings]
+    return show_withdrawn_readings(context, machine, since, until, limit)
 
 
 @router.delete("", summary="Withdraw readings")
@@ -172,10 +172,10 @@ def _store_valued(context: Context, machine: str, sent: SentReadings) -> StoreOu
                 field = f"{i}.temperatures_c.{name}"
                 raise InvalidContent.of_field(field, unknown.detail) from None
     valued = [reading for reading in sent.readings if reading.temperatures_c]
-    done = store_readings(context, machine, valued) if valued else StoreOutcome(0, 0, 0, ())
+    done = store_readings(context, machine, valued) if valued else StoreOutcome(0, 0)
     pairs = zip(sent.readings, sent.without, strict=True)
     note_absent(context, machine, [(pair.time, names) for pair, names in pairs if names])
     if len(valued) == len(sent.readings):
         return done
     unstored = counted(len(sent.readings) - len(valued), "reading")
-    return replace(done, warnings=[*done.warnings, f"{unstored} without a value not stored"])
+    return replace(done, warnings=(*done.warnings, f"{unstored} without a value not stored"))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import orjson
 from fastapi import Header, Query
+from pydantic import TypeAdapter
 from starlette.responses import Response
 
 from app.access.keys import Role
@@ -20,18 +21,19 @@ from app.api.router import Router
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
-    ModelComparisonAnswer,
     ResidualsAnswer,
     ResidualsRequest,
 )
 from app.identification.analysis.residual_curves import residual_curves
 from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.rounding import to_digits_in
-from app.services.residuals import ShownResiduals, compare_models, show_residuals
+from app.services.residuals import ModelComparison, ShownResiduals, compare_models, show_residuals
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
 
 Accept = Annotated[str, Header(description=f"`{JSON}`, `{CSV}` or `{HTML}`")]
+
+_COMPARISON: Final = TypeAdapter(ModelComparison)
 
 _FORMS: dict[int | str, dict[str, Any]] = {
     200: {
@@ -83,13 +85,13 @@ def post_residuals(
 @router.post(
     "/models/compare",
     summary="Compare model versions on verifications",
-    response_model=ModelComparisonAnswer,
+    response_model=ModelComparison,
 )
 @needs(Role.VIEWER)
 def post_comparison(context: ContextDep, machine: MachinePath, body: ComparisonRequest) -> Response:
     """Show versions side by side, on the observations that can be compared with all of them."""
-    chosen, compared = compare_models(context, machine, body.verifications, body.versions)
-    answer = ModelComparisonAnswer.of(chosen, compared).model_dump(mode="json")
+    compared = compare_models(context, machine, body.verifications, body.versions)
+    answer = _COMPARISON.dump_python(compared, mode="json")
     return Response(orjson.dumps(to_digits_in(answer)), media_type=JSON)
 
 

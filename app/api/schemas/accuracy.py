@@ -14,7 +14,6 @@ from app.api.schemas.machines import TravelSchema
 from app.geometry.compensation_levels import CompensationLevel
 from app.geometry.components import COMPONENTS
 from app.geometry.error_table import Table
-from app.geometry.line_accuracy import LineAccuracy
 from app.geometry.volumetric_accuracy import Spread, VolumetricAccuracy
 from app.geometry.work_volume import WorkVolume
 from app.rounding import Digits, Micro
@@ -156,23 +155,6 @@ class LinesRequest(Schema):
         description="The maximal deviation of each of the six straightness errors, squareness "
         "included [µm]"
     )
-
-
-class LinesAnswer(Schema):
-    """Volumetric accuracy from lines (Table 8.2)."""
-
-    ELv_um: Micro = Field(description="From displacements alone [µm]", examples=[25.55])
-    ELSv_um: Micro = Field(description="From displacements and straightness [µm]", examples=[42.81])
-    ratio: Digits | None = Field(
-        description="ELSv/ELv, the chapter's M1; null where ELv is 0", examples=[1.68]
-    )
-
-    @classmethod
-    def of(cls, accuracy: LineAccuracy) -> Self:
-        """Show what was found."""
-        return cls(
-            ELv_um=accuracy.elv_um, ELSv_um=accuracy.elsv_um, ratio=none_for_nan(accuracy.ratio)
-        )
 
 
 class LevelsRequest(AccuracyRequest):

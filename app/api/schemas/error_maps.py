@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
@@ -19,7 +19,7 @@ from app.api.schemas.base import (
     UtcTime,
     also,
 )
-from app.api.schemas.model_change import ModelChange, PreviewAnswer, preview_fields
+from app.api.schemas.model_change import ModelChange
 from app.api.schemas.uncertainty import (
     Covariance,
     StandardError,
@@ -33,11 +33,11 @@ from app.field_errors import way_of
 from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
 from app.rounding import rounded, to_digits_in, to_digits_of
+from app.services.models import Preview
 from app.thermal.error_map import ComponentTable, ErrorMap
 
 if TYPE_CHECKING:
     from app.arrays import FloatArray
-    from app.services.models import Preview
     from app.storage.records import StoredMap
 
 
@@ -361,15 +361,13 @@ def _plain(component: Component, values: FloatArray) -> list[float] | float:
     return values.tolist() if component.is_table else float(values[0])
 
 
-class MapPreview(PreviewAnswer):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MapPreview(Preview, whole=False):
     """What was read as a map, and what storing it would do to the tables; nothing is stored."""
 
-    label: str = Field(description="The map's name", examples=["Run #7"])
-    components: list[str] = Field(description="Codes of its components", examples=[["EXX"]])
-    read: list[str] = Field(description="What was read of the file, in lines of text")
-
-    @classmethod
-    def of_map(cls, preview: Preview, error_map: ErrorMap, read: list[str]) -> Self:
-        """Show a map that was read."""
-        fields = preview_fields(preview)
-        return cls(**fields, label=error_map.label, components=list(error_map.tables), read=read)
+    label: Annotated[str, Field(examples=["Run #7"])]
+    """The map's name"""
+    components: Annotated[Sequence[str], Field(examples=[["EXX"]])]
+    """Codes of its components"""
+    read: Sequence[str]
+    """What was read of the file, in lines of text"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from pydantic import Field, RootModel, field_validator
 
@@ -12,15 +12,15 @@ from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.effects.valid import LearntIn
 from app.errors import FieldError, InvalidContent, UnknownComponent
-from app.geometry.components import COMPONENTS, ORDER, parse_component
-from app.rounding import Digits, Parameters
+from app.geometry.components import ORDER, parse_component
+from app.rounding import Parameters
+from app.thermal.sensor_assignment import Proposal
 
 if TYPE_CHECKING:
     from app.effects.adopted.model_difference import ModelWithEffects
     from app.effects.effect import Effect
     from app.services.change_model import MadeVersion
     from app.storage.records import ModelVersion
-    from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 
 
 _PATTERN: Final = re.compile(r"(?=.*\*)[A-Z*^xyz]{1,6}")
@@ -67,75 +67,19 @@ class AssignmentSchema(RootModel[dict[str, str]]):
         return cls({code: assignment[code] for code in sorted(assignment, key=ORDER.__getitem__)})
 
 
-class SensorCorrelationAnswer(Schema):
-    """How one component's change goes with one sensor's temperature over the maps."""
-
-    sensor: str = Field(description="Sensor", examples=["x-middle"])
-    r: Digits | None = Field(description="Pearson's correlation; null where there is none")
-    confidence_95: Annotated[list[Digits], Field(min_length=2, max_length=2)] | None = Field(
-        description="Its 95 % confidence interval; null for fewer than four maps"
-    )
-    maps: int = Field(description="Number of maps that it rests on")
-    ties_with_best: bool = Field(
-        description="Whether these maps cannot tell it from the best sensor"
-    )
-    reason: str = Field(description="Why there is no r, or why it cannot be proposed; else empty")
-
-
-class ProposalAnswer(Schema):
-    """What the maps say about the sensor of one component."""
-
-    component: str = Field(description="Component code", examples=["EXX"])
-    chapter: str = Field(description="The chapter's notation", examples=["D_x(x)"])
-    current: str | None = Field(description="Sensor assigned now")
-    proposed: str | None = Field(description="Sensor that the maps speak for")
-    reason: str = Field(description="Why")
-    maps: int = Field(description="Number of maps that have the component")
-    correlations: list[SensorCorrelationAnswer] = Field(description="One for each sensor")
-
-
 class CorrelationAnswer(Schema):
     """The proposal; nothing has changed."""
 
     proposal: dict[str, str] = Field(
         description="The assignment that the maps speak for, ready to be PUT"
     )
-    components: list[ProposalAnswer] = Field(description="One for each component of the maps")
+    components: list[Proposal] = Field(description="One for each component of the maps")
 
     @classmethod
     def of(cls, proposals: Sequence[Proposal]) -> Self:
         """Show proposals."""
-        return cls(
-            proposal={
-                p.code: p.proposed_sensor for p in proposals if p.proposed_sensor is not None
-            },
-            components=[
-                ProposalAnswer(
-                    component=p.code,
-                    chapter=COMPONENTS[p.code].chapter,
-                    current=p.current_sensor,
-                    proposed=p.proposed_sensor,
-                    reason=p.reason,
-                    maps=p.maps,
-                    correlations=[
-                        SensorCorrelationAnswer(
-                            sensor=c.sensor,
-                            r=c.r,
-                            confidence_95=_interval(c),
-                            maps=c.maps,
-                            ties_with_best=c.ties_with_best,
-                            reason=c.reason,
-                        )
-                        for c in p.correlations
-                    ],
-                )
-                for p in proposals
-            ],
-        )
-
-
-def _interval(c: SensorCorrelation) -> list[float] | None:
-    return None if c.r_low is None or c.r_high is None else [c.r_low, c.r_high]
+        proposed = {p.code: p.proposed_sensor for p in proposals if p.proposed_sensor is not None}
+        return cls(proposal=proposed, components=list(proposals))
 
 
 class ModelMap(Schema):

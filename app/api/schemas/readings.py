@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from datetime import datetime
-from typing import Annotated, Any, Final, NamedTuple, Self
+from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import (
     BeforeValidator,
@@ -28,8 +28,6 @@ from app.api.schemas.base import (
 )
 from app.api.schemas.in_pieces import InPieces
 from app.field_errors import way_of
-from app.services.readings import StoreOutcome
-from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 
 _ReadingTime = Annotated[
@@ -54,15 +52,6 @@ class ReadingSchema(Schema):
     def to_reading(self) -> Reading:
         """Make the reading."""
         return Reading(self.time, self.temperatures_c, self.state)
-
-    @classmethod
-    def of(cls, reading: Reading) -> Self:
-        """Show a reading."""
-        return cls(
-            time=reading.time,
-            temperatures_c=dict(reading.temperatures_c),
-            state=dict(reading.state),
-        )
 
 
 class StatedReading(Schema):
@@ -178,47 +167,6 @@ def _plain_first(body: Any, explain: Callable[[Any], Any]) -> SentReadings:
 
 OneOrMoreReadings = Annotated[_Explained, WrapValidator(_plain_first)]
 """A reading, or a list of them; checked it is `SentReadings`."""
-
-
-class StoredReadings(Schema):
-    """What became of the readings."""
-
-    stored: int = Field(description="Readings that are new")
-    duplicates: int = Field(description="Readings that were there already, with the same content")
-    ahead: int = Field(
-        0,
-        description="How many of them lie in the future and are not used before their time; left "
-        "out where none does",
-    )
-    warnings: list[str] = Field(
-        [], description="What is to be said of them, in sentences; left out where nothing is"
-    )
-
-    @classmethod
-    def of(cls, outcome: StoreOutcome) -> Self:
-        """Say what became of them."""
-        return cls(
-            stored=outcome.stored,
-            duplicates=outcome.duplicates,
-            ahead=outcome.ahead,
-            warnings=list(outcome.warnings),
-        )
-
-    def as_json(self) -> bytes:
-        """Write it without what is left out."""
-        return self.model_dump_json(exclude_defaults=True).encode()
-
-
-class WithdrawnReadingAnswer(ReadingSchema):
-    """A reading that was withdrawn: it counts nowhere."""
-
-    withdrawn_at: UtcTime = Field(description="When it was withdrawn, UTC")
-
-    @classmethod
-    def of_withdrawn(cls, withdrawn: WithdrawnReading) -> Self:
-        """Show a reading that was withdrawn."""
-        reading = ReadingSchema.of(withdrawn.reading)
-        return cls(**dict(reading), withdrawn_at=withdrawn.withdrawn_at)
 
 
 class WithdrawnReadings(Schema):

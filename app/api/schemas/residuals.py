@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import ConfigDict, Field
@@ -16,8 +15,7 @@ from app.identification.residuals.summary import Summary
 from app.rounding import Micro
 
 if TYPE_CHECKING:
-    from app.identification.analysis.residual_report import ResidualReport
-    from app.services.residuals import ComparedVersion, ShownResiduals
+    from app.services.residuals import ShownResiduals
 
 MOST_ROWS: Final = 10_000
 
@@ -86,7 +84,9 @@ class ResidualsAnswer(Schema):
         return cls(
             model_version=residuals.model_version,
             verifications=list(residuals.verification_ids),
-            **_sizes(residuals.report),
+            overall=residuals.report.overall,
+            components=list(residuals.report.components),
+            contradiction=residuals.report.contradiction,
             summaries=list(residuals.report.summaries),
             excluded=list(residuals.report.excluded),
             counted_as_zero=list(residuals.report.residuals.counted_as_zero),
@@ -105,50 +105,3 @@ class ComparisonRequest(Schema):
     versions: Annotated[list[Integer], Field(min_length=1, max_length=20)] = Field(
         description="Numbers of the versions"
     )
-
-
-class ComparedVersionAnswer(Schema):
-    """One version, on the values that can be compared with all of them."""
-
-    version: int = Field(description="Number of the version")
-    reason: str = Field(description="What made it")
-    active: bool = Field(description="Whether tables are computed with it now")
-    overall: Size | None = Field(description="All lengths; null where nothing is one")
-    components: list[Size] = Field(description="Each component in its own unit")
-    contradiction: str | None = Field(
-        description="What is said of a stated repeatability that nearly all lengths contradict, as "
-        "in an analysis: the figures rest on what they show; null where nothing is contradicted"
-    )
-
-
-class ModelComparisonAnswer(Schema):
-    """Versions side by side, in the order in which they were named."""
-
-    verifications: list[int] = Field(description="Numbers of the verifications")
-    values: int = Field(description="Values that can be compared with all versions")
-    versions: list[ComparedVersionAnswer] = Field(description="The versions")
-
-    @classmethod
-    def of(cls, verifications: Sequence[int], compared: list[ComparedVersion]) -> Self:
-        """Show a comparison."""
-        return cls(
-            verifications=list(verifications),
-            values=compared[0].report.count,
-            versions=[
-                ComparedVersionAnswer(
-                    version=compared_version.version,
-                    reason=compared_version.reason,
-                    active=compared_version.active,
-                    **_sizes(compared_version.report),
-                )
-                for compared_version in compared
-            ],
-        )
-
-
-def _sizes(report: ResidualReport) -> dict[str, Any]:
-    return {
-        "overall": report.overall,
-        "components": list(report.components),
-        "contradiction": report.contradiction,
-    }

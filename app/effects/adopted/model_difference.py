@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
+from pydantic import Field
+
+from app.answer import Answer
 from app.effects.effect import Effect
 from app.errors import list_names
 from app.geometry.components import COMPONENTS, ORDER
@@ -22,40 +24,30 @@ from app.thermal.group import Scale
 from app.thermal.machine import Machine
 
 
-class What(StrEnum):
-    """Kinds of what a version can have and another lack."""
-
-    COMPONENT = "component"
-    POSITIONS = "positions"
-    TEMPERATURES = "temperatures"
-    DIRECTION = "direction"
-    COMPLETENESS = "completeness"
-
-
 @dataclass(frozen=True, slots=True)
-class Part:
-    """One thing that one version's table has and another's lacks.
+class Part(Answer, published_as="CoverageAnswer", whole=False):
+    """One thing that one version's table has and another's lacks."""
 
-    Parameters
-    ----------
-    component
-        Code of the component; None where it concerns no single one.
-    from_mm, to_mm
-        The positions [mm]; None where it is no matter of positions.
-    sensor
-        Whose temperatures bound it; None where it holds at all of them.
-    from_c, to_c
-        The temperatures of that sensor [°C]; None for an open end.
-    """
-
-    component: str | None
-    what: What
-    text: str
-    from_mm: float | None = None
-    to_mm: float | None = None
-    sensor: str | None = None
-    from_c: float | None = None
-    to_c: float | None = None
+    what: Annotated[
+        Literal["component", "positions", "temperatures", "direction", "completeness"],
+        Field(examples=["positions"]),
+    ]
+    """`component`, `positions`, `temperatures` (between maps), `direction` (the two directions of
+    approach) or `completeness`"""
+    text: Annotated[str, Field(examples=["EXX from 100 to 500 mm"])]
+    """The same in words"""
+    component: Annotated[str | None, Field(examples=["EXX"])] = None
+    """Component code; null where it concerns no single one"""
+    from_mm: Annotated[float | None, Field(examples=[100.0])] = None
+    """Lowest position [mm]; null for an open end, and without positions"""
+    to_mm: Annotated[float | None, Field(examples=[500.0])] = None
+    """Highest position [mm]"""
+    sensor: Annotated[str | None, Field(examples=["x-middle"])] = None
+    """Sensor whose temperatures bound it; null where it holds at all of them"""
+    from_c: Annotated[float | None, Field(examples=[20.0])] = None
+    """Lowest temperature of that sensor [°C]; null for an open end"""
+    to_c: Annotated[float | None, Field(examples=[24.0])] = None
+    """Highest temperature [°C]"""
 
     def contains(self, other: Part) -> bool:
         """Whether another one is this one, or a part of it."""
@@ -120,7 +112,7 @@ def model_difference(
 def _with_reason(part: Part, after: ModelWithEffects) -> Part:
     """Say why a component would be in no table."""
     why = None if part.component is None else after.model.omitted.get(part.component)
-    if part.what is not What.COMPONENT or why is None:
+    if part.what != "component" or why is None:
         return part
     return replace(part, text=f"{part.component} ({why})")
 
@@ -133,7 +125,7 @@ def _beyond(
     covered, others = coverage(before.model), coverage(other.model)
     for code in sorted(before.codes, key=ORDER.__getitem__):
         if code in gone:
-            yield Part(code, What.COMPONENT, code)
+            yield Part("component", code, code)
         else:
             yield from _table_beyond(code, before.model, other.model)
             if code in covered and code in others:
@@ -151,13 +143,12 @@ def _beyond(
 def _incomplete(before: ModelWithEffects, known_states: Collection[str] | None) -> Iterator[Part]:
     """List why tables of a version can never be complete."""
     for code, why in before.model.omitted.items():
-        yield Part(code, What.COMPLETENESS, f"completeness: {code} would not be in it, {why}")
+        yield Part("completeness", f"completeness: {code} would not be in it, {why}", code)
     for effect in before.effects:
         unknown = () if known_states is None else set(effect.states) - set(known_states)
         if unknown:
             yield Part(
-                None,
-                What.COMPLETENESS,
+                "completeness",
                 f"completeness: {effect.kind} of {list_names(effect.components)} needs "
                 f"{list_names(sorted(unknown))}, which the latest reading does not state",
             )
@@ -267,7 +258,7 @@ def _table_beyond(code: str, before: CompiledModel, other: CompiledModel) -> Ite
     if located is None or others is None:  # it consists of effects there
         return
     if located[1].backward is not None and others[1].backward is None:
-        yield Part(code, What.DIRECTION, f"the two directions of {code}")
+        yield Part("direction", f"the two directions of {code}", code)
     if located[0].sensor == others[0].sensor:
         yield from _temperatures_beyond(code, located[0].scales[0], others[0].scales[0])
 
@@ -278,7 +269,7 @@ def _temperatures_beyond(code: str, before: Scale, other: Scale) -> Iterator[Par
     for low, high in ((first, min(last, others_first)), (max(first, others_last), last)):
         if low < high:
             text = f"maps of {code} between {low:g} and {high:g} °C of {before.sensor}"
-            yield Part(code, What.TEMPERATURES, text, sensor=before.sensor, from_c=low, to_c=high)
+            yield Part("temperatures", text, code, None, None, before.sensor, low, high)
 
 
 def _positions_part(code: str, sensor: str, span: Span) -> Part:
@@ -287,9 +278,9 @@ def _positions_part(code: str, sensor: str, span: Span) -> Part:
     when = _range_text("between {0:g} and {1:g} °C", from_c, to_c, "°C")
     bounded = from_c is not None or to_c is not None
     return Part(
-        code,
-        What.POSITIONS,
+        "positions",
         f"{code} {where}" + (f", {when} of {sensor}" if bounded else ""),
+        code,
         _finite(span.from_mm),
         _finite(span.to_mm),
         sensor if bounded else None,

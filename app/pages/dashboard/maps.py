@@ -106,7 +106,7 @@ def upload_preview(
         _("Storing this map"),
         about,
         read=read_of_map(error_map),
-        remarks=[*remarks, *preview.remarks],
+        remarks=[*remarks, *preview.warnings],
         figures=[
             {"name": figure, "value": number(value), "unit": unit_of_field(figure) or ""}
             for figure, value in figures.items()
@@ -153,7 +153,6 @@ def _preview_page(
     figures: Sequence[Mapping[str, str]] = (),
     **of_file: object,
 ) -> str:
-    loses = preview.difference.loses
     return render_live(
         "dashboard/preview.html",
         what=what,
@@ -161,13 +160,13 @@ def _preview_page(
         version=version,
         withdrawn=withdrawn,
         active=preview.active_version,
-        loses=loses,
-        gains=preview.difference.gains,
+        loses=preview.loses,
+        gains=preview.gains,
         reason=preview.reason,
         sentence=_worst(preview, subject),
         picture=_picture(preview),
-        changes=_changes(preview.present.changes),
-        why_not=preview.present.why_not,
+        changes=_changes(preview.changes),
+        why_not=preview.not_compared,
         waited=preview.waited_before,
         read=read,
         remarks=[*_recorded(preview.recorded), *remarks],
@@ -226,7 +225,7 @@ def _version(one: ModelVersion, view: MapsView, now: datetime) -> dict[str, Any]
 
 def _worst(preview: Preview, subject: str) -> str:
     """Say the worst consequence: what is lost, else the largest change."""
-    loses, present = preview.difference.loses, preview.present
+    loses, changes = preview.loses, preview.changes
     if loses:
         lost = loses[0].text
         if len(loses) == 1:
@@ -237,17 +236,17 @@ def _worst(preview: Preview, subject: str) -> str:
             lost=lost,
             more=len(loses) - 1,
         )
-    if present.why_not:
+    if preview.not_compared:
         return _(
             "%(change)s loses nothing; by how much tables change is not known.", change=subject
         )
-    if not present.changes or abs(present.changes[0].change) < SEEN:
+    if not changes or abs(changes[0].change) < SEEN:
         return _(
             "%(change)s loses nothing, and no value changes now by %(size)s or more.",
             change=subject,
             size=short(SEEN),
         )
-    row = _row(present.changes[0])
+    row = _row(changes[0])
     return _("%(change)s would change %(values)s.", change=subject, values=_by(row))
 
 
@@ -260,7 +259,7 @@ def _recorded(recorded: RecordedChanges) -> list[str]:
     """Say what would have changed more at what was recorded than at the latest reading."""
     if not recorded.changes:
         return []
-    rows = ((_row(one.change), one.time) for one in recorded.changes)
+    rows = ((_row(one), one.time) for one in recorded.changes)
     named = said(
         list_names(
             (f"{_by(row)} ({day_and_time(then)})" for row, then in rows),
@@ -313,14 +312,14 @@ def _changes(changes: Sequence[ComponentChange]) -> dict[str, Any]:
 
 def _row(one: ComponentChange) -> dict[str, Any]:
     """Write a change of the compensation: minus that of the error."""
-    axis = one.component.axis
+    axis = COMPONENTS[one.component].axis
     place = ""
     if axis is not None and one.position_mm is not None:
-        place = place_words(axis, one.position_mm, is_backward=one.is_backward)
+        place = place_words(axis, one.position_mm, is_backward=one.direction == "-")
     return {
-        "code": one.component.code,
+        "code": one.component,
         "change": signed(-one.change),
-        "unit": one.component.unit.symbol,
+        "unit": one.unit,
         "place": place,
         "before": said(_STATUSES.get(one.status_before, one.status_before)),
         "after": said(_STATUSES.get(one.status_after, one.status_after)),
@@ -329,12 +328,11 @@ def _row(one: ComponentChange) -> dict[str, Any]:
 
 def _picture(preview: Preview) -> dict[str, Any] | None:
     """Draw the component of the worst consequence, now and as it would be."""
-    present = preview.present
-    lost = next((one for one in preview.difference.loses if one.component is not None), None)
+    lost = next((one for one in preview.loses if one.component is not None), None)
     code = lost.component if lost is not None else None
-    if code is None and present.changes:
-        code = present.changes[0].component.code
-    before, after = (_entry(table, code) for table in (present.before, present.after))
+    if code is None and preview.changes:
+        code = preview.changes[0].component
+    before, after = (_entry(table, code) for table in (preview.before, preview.after))
     if before is None and after is None:
         return None
     shown = [one for one in (before, after) if one is not None]
