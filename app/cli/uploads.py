@@ -21,6 +21,8 @@ Answer = TypeVar("Answer")
 Beside = Mapping[str, Any]
 """What is said of a file beside it, as the query of `…/files` has it."""
 
+_NAME_GOES_ON: Final = re.compile(r"[\w./-]")
+_WORD_GOES_ON: Final = re.compile(r"\w")
 _MACHINE: Final = re.compile(r"^[\s\"']*#\s*machine\s*[:=;,\t]\s*([^\r\n\"]+)", re.I | re.M)
 _BEGINNING: Final = 10_000
 """Characters of a text in which its machine stands, if anywhere."""
@@ -126,8 +128,11 @@ def complaints(file: Path, error: ThermapClientError, place: str = "") -> list[s
 
 def _named(file: Path, line: str, place: str) -> str:
     """Name the file as the user did, wherever the line names it."""
-    name = re.compile(rf"(?<![\w./-]){re.escape(file.name)}(?!\w)")
-    line = name.sub(lambda _: str(file), line)
+    before, *parts = line.split(file.name)
+    for part in parts:
+        in_a_longer_name = _NAME_GOES_ON.search(before[-1:]) or _WORD_GOES_ON.match(part)
+        before += (file.name if in_a_longer_name else str(file)) + part
+    line = before
     if place or not line.startswith(str(file)):
         return f"{file}: {place}{line.removeprefix(f'{file}: ')}"
     return line
