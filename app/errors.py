@@ -31,8 +31,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from app.message import Message
-
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
@@ -159,8 +157,8 @@ def list_names(names: Iterable[str], limit: int = 20) -> str:
     if not listed:
         return "none"
     more = len(listed) - limit
-    named = ", ".join(listed[:limit])
-    return Message("%(names)s and %(more)s more", names=named, more=more) if more > 0 else named
+    first = ", ".join(listed[:limit])
+    return f"{first} and {more} more" if more > 0 else first
 
 
 def existing_names(names: Iterable[str]) -> str:

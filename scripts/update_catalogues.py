@@ -15,24 +15,61 @@ from babel.messages.catalog import Catalog
 from babel.messages.extract import extract_from_dir
 from babel.messages.pofile import read_po, write_po
 
-ROOT = Path(__file__).parent.parent
-LANGUAGES = ROOT / "app/pages/languages"
+from scripts.sentences import sentences
 
-PLACES = (
+ROOT = Path(__file__).parent.parent
+LANGUAGES = ROOT / "app/languages"
+
+SERVICE = (
+    "compensation/table",
+    "effects/**",
     "errors",
-    "thermal/**",
+    "identification/**",
+    "pages/analysis_report/**",
+    "pages/fleet_report",
+    "pages/report_parts/**",
+    "pages/residuals_page/**",
+    "services/**",
     "status/**",
-    "pages/**",
+    "storage/analyses",
+    "thermal/**",
     "api/error_responses",
-    "api/methods/**",
     "api/routes/login",
 )
+"""Where sentences stand that reach pages as text, and are recognised there."""
 
-METHODS = [
+NOT_SHOWN = (
+    "effects/claim",
+    "effects/effect",
+    "effects/shape",
+    "effects/term",
+    "effects/valid",
+    "identification/analysis/residual_curves",
+    "identification/plan/plan",
+    "pages/report_parts/drawing",
+    "services/analysis_process",
+    "services/ask_field",
+    "services/bin_readings",
+    "services/compute_grid",
+    "services/doctor",
+    "services/follow_database",
+    "services/geometry",
+    "services/handed_analyses",
+    "services/keep_readings",
+    "services/run_analyses",
+    "services/thermal_drift",
+    "services/together",
+    "thermal/uncertainty",
+)
+"""Of these what no page of the dashboard asks for."""
+
+METHODS: list[tuple[str, Any]] = [
     ("app/pages/assets/**.js", "javascript"),
     ("app/pages/templates/**.html", "jinja2"),
-    ("app/status/alarm_message.py", "ignore"),
-    *((f"app/{place}.py", "python") for place in PLACES),
+    *((f"app/{place}.py", "ignore") for place in NOT_SHOWN),
+    *((f"app/{place}.py", sentences) for place in SERVICE),
+    ("app/pages/**.py", "python"),
+    ("app/api/methods/**.py", "python"),
 ]
 OPTIONS = {
     "app/pages/templates/**.html": {"trim_blocks": "true", "lstrip_blocks": "true"},
@@ -45,8 +82,7 @@ KEYWORDS: dict[str, Any] = {
     "ngettext": (1, 2),
     "counted": (2, 3),
     "said_in": (2,),
-    "Message": None,
-    "several": (1, 2),
+    "message": None,
 }
 """The functions that say a message, and which of what they are given are English."""
 

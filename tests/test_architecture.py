@@ -18,7 +18,7 @@ PACKAGE = Path(app.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 FLOORS = [
-    {"message"},
+    {"languages"},
     {"units", "errors", "arrays", "answer", "rounding", "csv_text", "decimal_text", "foreign_text"},
     {"geometry", "supervision", "field_errors", "json_text"},
     {"thermal"},
@@ -55,7 +55,7 @@ PURE = {
         "csv_text",
         "decimal_text",
         "foreign_text",
-        "message",
+        "languages",
         "geometry",
         "thermal",
     ),

@@ -37,35 +37,35 @@ from app.errors import (
     list_names,
 )
 from app.field_errors import field_error
-from app.message import Message
 from app.pages.environment import render_live
+from app.pages.wording import message
 
 log = logging.getLogger("thermap")
 
 STATUS: Mapping[type[ThermapError], tuple[int, str]] = {
-    UnknownThing: (404, Message("Unknown thing")),
-    Conflict: (409, Message("Conflict")),
-    InvalidContent: (422, Message("Invalid content")),
-    StorageUnavailable: (503, Message("The database is away")),
-    StorageFull: (507, Message("The disk is full")),
-    StorageBusy: (503, Message("The database is busy")),
-    QueueFull: (503, Message("Too many analyses wait")),
-    MachineQueueFull: (429, Message("Too many analyses of the machine wait")),
-    ServiceStopping: (503, Message("The service ends")),
-    KeyUnknown: (401, Message("A key is needed")),
-    NotAllowed: (403, Message("Not allowed")),
+    UnknownThing: (404, message("Unknown thing")),
+    Conflict: (409, message("Conflict")),
+    InvalidContent: (422, message("Invalid content")),
+    StorageUnavailable: (503, message("The database is away")),
+    StorageFull: (507, message("The disk is full")),
+    StorageBusy: (503, message("The database is busy")),
+    QueueFull: (503, message("Too many analyses wait")),
+    MachineQueueFull: (429, message("Too many analyses of the machine wait")),
+    ServiceStopping: (503, message("The service ends")),
+    KeyUnknown: (401, message("A key is needed")),
+    NotAllowed: (403, message("Not allowed")),
 }
 """A kind of error, or the nearest above it, to its status and title."""
 
 _TITLES = {
-    400: Message("Bad request"),
-    403: Message("Not allowed"),
-    404: Message("Unknown thing"),
-    405: Message("Method not allowed"),
-    408: Message("Request stopped half-way"),
-    413: Message("Too large"),
-    415: Message("Wrong type of content"),
-    503: Message("Too busy"),
+    400: message("Bad request"),
+    403: message("Not allowed"),
+    404: message("Unknown thing"),
+    405: message("Method not allowed"),
+    408: message("Request stopped half-way"),
+    413: message("Too large"),
+    415: message("Wrong type of content"),
+    503: message("Too busy"),
 }
 
 _AGAIN_LATER = {"Retry-After": "5"}
@@ -169,7 +169,7 @@ def _http_error(request: Request, error: HTTPException) -> Response:
         return _unreadable(error)
     if error.status_code == 405:
         return _other_method(request)
-    title = _TITLES.get(error.status_code, Message("Error"))
+    title = _TITLES.get(error.status_code, message("Error"))
     detail = str(error.detail)
     if error.status_code == 404:
         detail = f"there is nothing at {request.url.path}; /docs lists what there is"
@@ -212,7 +212,7 @@ def _unexpected(request: Request, error: Exception) -> Response:
     log.error("unexpected error at %s", request.url.path, exc_info=error)
     where = f"the service's log has the details, at request {request_id.get()}"
     detail = f"{type(error).__name__}; {where}"
-    return problem_for(request.scope, 500, Message("Unexpected error"), detail)
+    return problem_for(request.scope, 500, message("Unexpected error"), detail)
 
 
 _WRITERS: Final[Mapping[type, Callable[[Request, Any], Response]]] = {

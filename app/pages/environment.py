@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from app.access.authorization import key_asking, may_make_machines, may_write
 from app.errors import counted
+from app.languages import decimal_mark, messages_of_scripts, names, translations
 from app.pages.dashboard.navigation import MACHINE_PAGES
 from app.pages.dashboard.numbers import (
     age,
@@ -25,7 +26,6 @@ from app.pages.dashboard.numbers import (
     with_unit,
 )
 from app.pages.glossary import entries, named, verdict_words
-from app.pages.languages import decimal_mark, messages_of_scripts, names, translations
 from app.pages.plotly_script import plotly_script
 from app.pages.reader import local, reader, zone_key, zone_name
 from app.pages.report_parts.component_names import chapter_name, component_name
@@ -40,7 +40,7 @@ from app.pages.report_parts.words import (
     sentence,
     zeros_text,
 )
-from app.pages.wording import all_said, in_english, said, said_near
+from app.pages.wording import all_said, said, said_plainly
 from app.pages.wording import counted as counted_in_words
 
 _ENVIRONMENT: Final = Environment(
@@ -106,9 +106,8 @@ _ENVIRONMENT.filters |= {
     "time_of_day": lambda time: f"{local(time):%H:%M:%S} {zone_name(time)}",
     "zone_name": zone_name,
     "said": said,
-    "said_near": said_near,
+    "said_plainly": said_plainly,
     "all_said": all_said,
-    "in_english": in_english,
     "named": named,
     "verdict_words": verdict_words,
 }

@@ -7,7 +7,6 @@ from typing import Final
 
 from app.identification.analysis.tried_effect import TriedEffect
 from app.identification.fleet import FleetJudgement, SharedEffect
-from app.message import Message
 from app.pages.environment import render
 from app.pages.plotly_script import INLINE
 from app.pages.report_parts.effect_names import (
@@ -18,13 +17,14 @@ from app.pages.report_parts.effect_names import (
     parameter_text,
 )
 from app.pages.report_parts.words import decimals_for, figure_text
+from app.pages.wording import message
 from app.units import true_minus
 
 ANSWERS: Final = {
-    "yes": (Message("yes"), "confirmed"),
-    "no": (Message("no"), "nothing-found"),
-    "cannot-be-told": (Message("cannot be told"), "suspected"),
-    "adopted": (Message("adopted already"), "nothing-found"),
+    "yes": (message("yes"), "confirmed"),
+    "no": (message("no"), "nothing-found"),
+    "cannot-be-told": (message("cannot be told"), "suspected"),
+    "adopted": (message("adopted already"), "nothing-found"),
 }
 """An answer of a trial in words, and its style."""
 

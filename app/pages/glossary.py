@@ -8,63 +8,62 @@ from typing import Final
 from markupsafe import Markup
 
 from app.geometry.components import COMPONENTS, Component, Kind
-from app.message import Message
 from app.pages.report_parts.component_names import component_name
-from app.pages.wording import _, said
+from app.pages.wording import _, message, said
 
 VERDICTS: Final[Mapping[str, str]] = {
-    "not-trusted": Message("Not trusted"),
-    "limited": Message("Limited"),
-    "service": Message("Service"),
-    "trusted": Message("Trusted"),
-    "unknown": Message("Unknown"),
+    "not-trusted": message("Not trusted"),
+    "limited": message("Limited"),
+    "service": message("Service"),
+    "trusted": message("Trusted"),
+    "unknown": message("Unknown"),
 }
 """The word beside each symbol."""
 
 MEANINGS: Final[Mapping[str, str]] = {
-    "not-trusted": Message("There is no compensation table, or it stands still."),
-    "limited": Message("There is a table; the sentences beside it say where it is not right."),
-    "service": Message("The table is right, but a sensor failed and another stands in for it."),
-    "trusted": Message("The table is what the maps say, on fresh temperatures."),
-    "unknown": Message("The page has lost the service: its numbers are old."),
+    "not-trusted": message("There is no compensation table, or it stands still."),
+    "limited": message("There is a table; the sentences beside it say where it is not right."),
+    "service": message("The table is right, but a sensor failed and another stands in for it."),
+    "trusted": message("The table is what the maps say, on fresh temperatures."),
+    "unknown": message("The page has lost the service: its numbers are old."),
 }
 
 TERMS: Final[tuple[tuple[str, str], ...]] = (
-    (Message("error"), Message("Actual minus nominal.")),
-    (Message("compensation"), Message("Minus the error: what is added to the command.")),
+    (message("error"), message("Actual minus nominal.")),
+    (message("compensation"), message("Minus the error: what is added to the command.")),
     (
-        Message("map"),
-        Message("The errors of the machine, measured in one thermal state, with its temperatures."),
+        message("map"),
+        message("The errors of the machine, measured in one thermal state, with its temperatures."),
     ),
     (
-        Message("check"),
-        Message("Errors that were measured to be held against the model; they do not change it."),
+        message("check"),
+        message("Errors that were measured to be held against the model; they do not change it."),
     ),
-    (Message("residual"), Message("Measured minus predicted: what the model leaves.")),
+    (message("residual"), message("Measured minus predicted: what the model leaves.")),
     (
-        Message("RMS"),
-        Message("Root mean square: the size of typical values, large ones count more."),
-    ),
-    (
-        Message("repeatability"),
-        Message("By how much repeated measurements at one place scatter (standard deviation)."),
-    ),
-    (Message("floor"), Message("What repeatability and set-ups alone would leave.")),
-    (
-        Message("held out"),
-        Message("Visits that took no part in finding an effect, and then judge it."),
+        message("RMS"),
+        message("Root mean square: the size of typical values, large ones count more."),
     ),
     (
-        Message("± 2 σ"),
-        Message("The range in which 95 of 100 values lie, by their standard deviation σ."),
+        message("repeatability"),
+        message("By how much repeated measurements at one place scatter (standard deviation)."),
+    ),
+    (message("floor"), message("What repeatability and set-ups alone would leave.")),
+    (
+        message("held out"),
+        message("Visits that took no part in finding an effect, and then judge it."),
     ),
     (
-        Message("2 ln B"),
-        Message("Evidence for one cause against another: above 10 it is very strong."),
+        message("± 2 σ"),
+        message("The range in which 95 of 100 values lie, by their standard deviation σ."),
     ),
     (
-        Message("r"),
-        Message("Correlation: ±1 if two things always move together, 0 if they have no relation."),
+        message("2 ln B"),
+        message("Evidence for one cause against another: above 10 it is very strong."),
+    ),
+    (
+        message("r"),
+        message("Correlation: ±1 if two things always move together, 0 if they have no relation."),
     ),
 )
 """Words of the trade and of statistics, and what each means."""
@@ -128,7 +127,7 @@ def named(code: str) -> Markup | str:
 
 def verdict_words(group: str) -> str:
     """Give the word of a verdict."""
-    return said(VERDICTS[group])
+    return _(VERDICTS[group])
 
 
 def entries() -> list[tuple[str, list[tuple[str, str]]]]:
@@ -136,7 +135,7 @@ def entries() -> list[tuple[str, list[tuple[str, str]]]]:
     rigid = (Kind.LINEAR, Kind.STRAIGHTNESS, Kind.ANGULAR, Kind.SQUARENESS)
     codes = [code for code, one in COMPONENTS.items() if one.kind in rigid]
     return [
-        (_("Verdicts"), [(said(VERDICTS[key]), said(words)) for key, words in MEANINGS.items()]),
+        (_("Verdicts"), [(_(VERDICTS[key]), said(words)) for key, words in MEANINGS.items()]),
         (_("Words"), [(said(term), said(words)) for term, words in TERMS]),
         (_("Error components (ISO 230-1)"), [(code, component_words(code)) for code in codes]),
     ]

@@ -14,7 +14,7 @@ from datetime import UTC, datetime, timedelta, tzinfo
 from typing import Final
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from app.pages.languages import ENGLISH, LANGUAGES
+from app.languages import ENGLISH, LANGUAGES
 
 COOKIES: Final = {
     "zone": "thermap-zone",

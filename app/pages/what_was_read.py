@@ -10,32 +10,30 @@ from typing import Final
 from markupsafe import Markup
 
 from app.effects.observations import POINT_CHANNELS, Observation, Verification
-from app.errors import list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
-from app.message import Message
 from app.pages.dashboard.numbers import marked, temperature
 from app.pages.dashboard.numbers import position as placed
 from app.pages.reader import day_and_time, reader
 from app.pages.report_parts.words import figure_text
-from app.pages.wording import _, counted, said
+from app.pages.wording import _, counted, listed, message
 from app.search.rows import Datum
 from app.thermal.error_map import ErrorMap
 from app.units import Unit
 
-NOT_STATED: Final = Message("not stated")
+NOT_STATED: Final = message("not stated")
 DECIMALS: Final = 2
 
 ZEROS: Final = {
-    Datum.ABSOLUTE: Message("absolute: the model's own"),
-    Datum.FIRST: Message("first: each component's first value"),
-    Datum.FREE: Message("free: unknown"),
+    Datum.ABSOLUTE: message("absolute: the model's own"),
+    Datum.FIRST: message("first: each component's first value"),
+    Datum.FREE: message("free: unknown"),
 }
 
 SIZE: Final = 1000
 FINENESS: Final = 10
 """Units of a plot, and those of its smallest step."""
 
-_WAYS: Final = {1.0: "+", -1.0: "−", 0.0: Message("direction not stated")}
+_WAYS: Final = {1.0: "+", -1.0: "−", 0.0: message("direction not stated")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,7 @@ class ReadComponent:
     @property
     def directions(self) -> str:
         """From where it was approached."""
-        return ", ".join(said(words) for way, words in _WAYS.items() if way in self.lines)
+        return ", ".join(_(words) for way, words in _WAYS.items() if way in self.lines)
 
     @property
     def words(self) -> str:
@@ -161,9 +159,9 @@ def read_of_map(error_map: ErrorMap) -> WhatWasRead:
         [
             (_("map"), f"‘{error_map.label}’"),
             (_("measured"), day_and_time(error_map.measured_at)),
-            (_("temperatures"), said(list_names(temperatures))),
+            (_("temperatures"), listed(list(temperatures))),
             (_("repeatability"), _repeatability(error_map.repeatability_um)),
-            (_("instrument"), error_map.instrument or said(NOT_STATED)),
+            (_("instrument"), error_map.instrument or _(NOT_STATED)),
         ],
         components,
     )
@@ -182,12 +180,12 @@ def read_of_verification(found: Verification) -> WhatWasRead:
     return WhatWasRead(
         [
             (_("check"), f"‘{found.label}’"),
-            (_("zero"), said(ZEROS[found.datum])),
+            (_("zero"), _(ZEROS[found.datum])),
             (_("repeatability"), _repeatability(found.repeatability_um)),
             (_("measured"), span),
-            (_("set-ups"), said(list_names(sorted(setups))) if setups else said(NOT_STATED)),
-            (_("instrument"), found.instrument or said(NOT_STATED)),
-            (_("operator"), found.operator or said(NOT_STATED)),
+            (_("set-ups"), listed(sorted(setups)) if setups else _(NOT_STATED)),
+            (_("instrument"), found.instrument or _(NOT_STATED)),
+            (_("operator"), found.operator or _(NOT_STATED)),
         ],
         [ReadComponent(name, _unit(name), of_ways) for name, of_ways in sorted(lines.items())],
     )
@@ -205,7 +203,7 @@ def _values_of(one: Observation) -> Iterator[tuple[str, float, float, int]]:
 
 
 def _repeatability(stated_um: float | None) -> str:
-    return said(NOT_STATED) if stated_um is None else marked(f"{stated_um:g} µm")
+    return _(NOT_STATED) if stated_um is None else marked(f"{stated_um:g} µm")
 
 
 def _unit(name: str) -> str:

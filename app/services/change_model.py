@@ -288,11 +288,12 @@ def note_version(
     is_active: bool,
 ) -> None:
     """Write into the log which version tables follow from now on, or which one waits."""
-    what = "active" if is_active else "stored and waits"
     if is_active and was_active is not None and was_active > version.version:
         words = f"went back from v{was_active} to v{version.version}"
+    elif is_active:
+        words = f"v{version.version} active: {version.reason}"
     else:
-        words = f"v{version.version} {what}: {version.reason}"
+        words = f"v{version.version} stored and waits: {version.reason}"
     write_event(
         change.session,
         change.row.id,

@@ -20,9 +20,9 @@ from app.errors import (
     OutsideMaps,
     SensorUnavailable,
     ThermapError,
+    counted,
     list_names,
 )
-from app.message import Message, Quantity, joined, several
 from app.status.figures import (
     between_maps_c,
     change_per_h,
@@ -63,7 +63,7 @@ _LAST_UNPLACED: Final = State.EFFECT_NOT_ADOPTED.gravity
 MOST_CODES: Final = 6
 """Components that a sentence names; of the others it says how many they are."""
 
-NOTHING_RESTS: Final = Message("no component rests on it")
+NOTHING_RESTS: Final = "no component rests on it"
 
 
 class Logged(NamedTuple):
@@ -187,8 +187,8 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
     if situation.latest is None:
         absent = {s.sensor: s.no_value_since for s in situation.sensors}
         said = [_no_value_of(situation, name, at) for name, at in absent.items() if at]
-        words = Message("No reading has come yet: there is no compensation table.")
-        return Cause(State.NO_READING, joined([words, *map(_ended, said[:MOST_CODES])]))
+        words = "No reading has come yet: there is no compensation table."
+        return Cause(State.NO_READING, " ".join([words, *map(_ended, said[:MOST_CODES])]))
     if isinstance(why, OutsideMaps):
         return Cause(State.OUTSIDE_MAPS, _nothing(why))
     if isinstance(why, SensorUnavailable):
@@ -200,14 +200,8 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
         since = [_failed_since(situation, name) for name in failed]
         return Cause(
             State.SENSOR_FAULT,
-            several(
-                "There is no table: %(why)s. Nothing stands in for it, and %(count)s component "
-                "cannot be computed.",
-                "There is no table: %(why)s. Nothing stands in for it, and %(count)s components "
-                "cannot be computed.",
-                count=len(codes),
-                why=joined(details, "; ") if details else why.detail,
-            ),
+            f"There is no table: {'; '.join(details) or why.detail}. Nothing stands in for it, and "
+            f"{counted(len(codes), 'component')} cannot be computed.",
             min((time for time in since if time), default=None),
             about=tuple(failed),
         )
@@ -215,19 +209,19 @@ def _no_table(situation: Situation, why: ThermapError) -> Cause:
 
 
 def _nothing(why: ThermapError) -> str:
-    return Message("There is no table: %(why)s.", why=why.detail)
+    return f"There is no table: {why.detail}."
 
 
 def _no_model(omitted: Mapping[str, str]) -> str:
     """Say what a model lacks that has no component; the maps may be there."""
     unassigned = [code for code, why in omitted.items() if why == NO_SENSOR]
     if unassigned:
-        return Message(
-            "There is no compensation table: no sensor is assigned to %(codes)s. Assign one on the "
-            "page Set-up, or with `thermap sensors assign`.",
-            codes=list_names(unassigned, MOST_CODES),
+        return (
+            "There is no compensation table: no sensor is assigned to "
+            f"{list_names(unassigned, MOST_CODES)}. Assign one on the page Set-up, or with "
+            "`thermap sensors assign`."
         )
-    return Message("No component has maps of two thermal states: there is no compensation table.")
+    return "No component has maps of two thermal states: there is no compensation table."
 
 
 def _causes(
@@ -243,9 +237,7 @@ def _causes(
         if effect.missing:
             yield Cause(
                 State.EFFECT_MISSING,
-                Message(
-                    "%(effect)s is not in the table: %(why)s.", effect=name, why=effect.missing
-                ),
+                f"{name} is not in the table: {effect.missing}.",
                 touches=effect.components,
                 about=(name,),
             )
@@ -265,7 +257,7 @@ def _old(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
         at = _clock(latest, situation.judged_at)
         yield Cause(
             State.NO_READING,
-            Message("No reading since %(time)s. The table has stood still since then.", time=at),
+            f"No reading since {at}. The table has stood still since then.",
             latest,
             tuple(c.component.code for c in table.components),
         )
@@ -308,14 +300,12 @@ def _detail(situation: Situation, sensor: SensorState) -> str:
     since = sensor.no_value_since
     said = [] if since is None else [_no_value_of(situation, sensor.sensor, since)]
     details = [sensor.detail, *said] if sensor.detail else said
-    return joined(details, "; ") if details else ""
+    return "; ".join(details)
 
 
 def _no_value_of(situation: Situation, sensor: str, since: datetime) -> str:
-    return Message(
-        "%(sensor)s has no value since %(time)s, by what its sender says",
-        sensor=sensor,
-        time=_clock(since, situation.judged_at),
+    return (
+        f"{sensor} has no value since {_clock(since, situation.judged_at)}, by what its sender says"
     )
 
 
@@ -332,15 +322,10 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     codes = tuple(c.component.code for c in table.components if c.component.code in resting)
     longest = max(late.values(), key=lambda s: s.age_s or 0.0)
     measured = situation.judged_at - timedelta(seconds=longest.age_s or 0.0)
-    words = several(
-        "%(sensors)s has not been read since %(time)s, where a reading usually comes every "
-        "%(interval)s s",
-        "%(sensors)s have not been read since %(time)s, where a reading usually comes every "
-        "%(interval)s s",
-        count=len(late),
-        sensors=list_names(late, MOST_CODES),
-        time=f"{measured:%H:%M:%S} UTC",
-        interval=f"{round(longest.interval_s or 0.0, 1):g}",
+    words = (
+        f"{list_names(late, MOST_CODES)} {'has' if len(late) == 1 else 'have'} not been read since "
+        f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
+        f"{round(longest.interval_s or 0.0, 1):g} s"
     )
     yield Cause(
         State.LATE,
@@ -352,50 +337,39 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
 
 
 def _rest_on_it(count: int) -> str:
-    return several(
-        "%(count)s component rests on it", "%(count)s components rest on it", count=count
-    )
+    return f"{count} component rests on it" if count == 1 else f"{count} components rest on it"
 
 
 def _rest_on_them(count: int) -> str:
-    return several(
-        "%(count)s component rests on them", "%(count)s components rest on them", count=count
-    )
+    return f"{count} component rests on them" if count == 1 else f"{count} components rest on them"
 
 
 def _rest_on_last(count: int) -> str:
     if not count:
         return NOTHING_RESTS
-    return several(
-        "%(count)s component rests on its last one",
-        "%(count)s components rest on its last one",
-        count=count,
+    return (
+        f"{count} component rests on its last one"
+        if count == 1
+        else f"{count} components rest on its last one"
     )
 
 
 def _because(matter: str, consequence: str) -> str:
-    return Message("%(matter)s: %(consequence)s.", matter=matter, consequence=consequence)
+    return f"{matter}: {consequence}."
 
 
 def _ended(words: str) -> str:
-    return Message("%(words)s.", words=words)
+    return f"{words}."
 
 
 def _not_read(situation: Situation, sensor: SensorState) -> str:
     measured = situation.judged_at - timedelta(seconds=sensor.age_s or 0.0)
     now, since = situation.judged_at, sensor.no_value_since
     if since is None:
-        return Message(
-            "%(sensor)s has not been read since %(time)s",
-            sensor=sensor.sensor,
-            time=_clock(measured, now),
-        )
-    return Message(
-        "%(sensor)s has not been read since %(time)s and has no value since %(since)s, by what its "
-        "sender says",
-        sensor=sensor.sensor,
-        time=_clock(measured, now),
-        since=_clock(since, now),
+        return f"{sensor.sensor} has not been read since {_clock(measured, now)}"
+    return (
+        f"{sensor.sensor} has not been read since {_clock(measured, now)} and has no value "
+        f"since {_clock(since, now)}, by what its sender says"
     )
 
 
@@ -414,9 +388,7 @@ def _outside(
         where = _outside_words(one.outside_k)
         yield Cause(
             State.EXTRAPOLATED if one.held_at is None else State.CLAMPED,
-            _because(
-                Message("%(sensor)s is %(where)s", sensor=one.sensor, where=where), _done(one)
-            ),
+            _because(f"{one.sensor} is {where}", _done(one)),
             _outside_since(situation, table, one),
             one.components,
             (one.sensor,),
@@ -424,13 +396,8 @@ def _outside(
         if one.lacks is not None and round(abs(one.lacks.value), 1) > 0.0:
             yield Cause(
                 State.CLAMPED,
-                Message(
-                    "If its errors continue in a straight line, %(code)s lacks %(size)s of "
-                    "compensation%(place)s.",
-                    code=one.lacks.component,
-                    size=Quantity(abs(one.lacks.value), 1, one.lacks.unit),
-                    place=one.lacks.place,
-                ),
+                f"If its errors continue in a straight line, {one.lacks.component} lacks "
+                f"{abs(one.lacks.value):.1f} {one.lacks.unit} of compensation{one.lacks.place}.",
             )
     # An effect may read the maps of a component by another sensor than the assigned one.
     for c in table.components:
@@ -447,16 +414,15 @@ def _outside(
 def _done(one: BeyondMaps) -> str:
     count = len(one.components)
     if one.held_at is None:
-        return several(
-            "%(count)s component is extrapolated",
-            "%(count)s components are extrapolated",
-            count=count,
+        return (
+            f"{count} component is extrapolated"
+            if count == 1
+            else f"{count} components are extrapolated"
         )
-    return several(
-        "%(count)s component is held at %(map)s",
-        "%(count)s components are held at %(map)s",
-        count=count,
-        map=one.held_at,
+    return (
+        f"{count} component is held at {one.held_at}"
+        if count == 1
+        else f"{count} components are held at {one.held_at}"
     )
 
 
@@ -475,12 +441,8 @@ def _outside_before(situation: Situation, table: CompensationTable) -> Iterator[
             is_clamped = situation.model.machine.out_of_range == "clamp"
             yield Cause(
                 State.CLAMPED if is_clamped else State.EXTRAPOLATED,
-                Message(
-                    "%(sensor)s was %(where)s until %(time)s.",
-                    sensor=scale.sensor,
-                    where=_outside_words(float(excess[recent[-1]])),
-                    time=f"{until:%H:%M:%S} UTC",
-                ),
+                f"{scale.sensor} was {_outside_words(float(excess[recent[-1]]))} until "
+                f"{until:%H:%M:%S} UTC.",
                 about=(scale.sensor,),
             )
 
@@ -516,12 +478,10 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
         failed = details[assigned]
         is_stale = failed.health is Health.STALE
         why = _not_read(situation, failed) if is_stale else _detail(situation, failed)
-        words = several(
-            "%(sensor)s stands in for %(assigned)s in %(count)s component",
-            "%(sensor)s stands in for %(assigned)s in %(count)s components",
-            count=len(codes),
-            sensor=sensor,
-            assigned=assigned,
+        words = (
+            f"{sensor} stands in for {assigned} in {len(codes)} component"
+            if len(codes) == 1
+            else f"{sensor} stands in for {assigned} in {len(codes)} components"
         )
         yield Cause(
             State.STAND_IN,
@@ -538,7 +498,7 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
                 yield Cause(State.FRESH, _because(_not_read(situation, state), NOTHING_RESTS))
         else:
             said = [_detail(situation, state), *([] if is_used else [NOTHING_RESTS])]
-            yield Cause(State.FRESH, _ended(joined(said, "; ")))
+            yield Cause(State.FRESH, _ended("; ".join(said)))
 
 
 def _checked(situation: Situation) -> Iterator[Cause]:
@@ -546,7 +506,7 @@ def _checked(situation: Situation) -> Iterator[Cause]:
     if situation.watch == "beyond":
         yield Cause(
             State.DRIFTING,
-            Message("Verifications are beyond what the model allows: the machine has changed."),
+            "Verifications are beyond what the model allows: the machine has changed.",
             situation.drifting_since,
         )
     check = situation.last_check
@@ -554,7 +514,7 @@ def _checked(situation: Situation) -> Iterator[Cause]:
         about = () if check.component is None else (check.component,)
         yield Cause(
             State.CHECK_OFF,
-            Message("The last check was %(text)s.", text=check.text),
+            f"The last check was {check.text}.",
             check.time,
             about=about,
         )
@@ -562,16 +522,13 @@ def _checked(situation: Situation) -> Iterator[Cause]:
         effects = situation.not_adopted.effects
         more = len(effects) - 1
         first = effects[0].removesuffix(".")
-        found = Message(
-            "Analysis %(number)s confirmed what the table does not have: %(effects)s.",
-            number=situation.not_adopted.analysis,
-            effects=Message("%(effect)s, and %(more)s more", effect=first, more=more)
-            if more
-            else first,
+        found = (
+            f"Analysis {situation.not_adopted.analysis} confirmed what the table does not "
+            f"have: {f'{first}, and {more} more' if more else first}."
         )
-        again = Message("Analyse again and adopt it."), Message("Adopt it.")
-        what = again[0] if situation.not_adopted.needs_analysis else again[1]
-        yield Cause(State.EFFECT_NOT_ADOPTED, joined([found, what]))
+        needs_analysis = situation.not_adopted.needs_analysis
+        what = "Analyse again and adopt it." if needs_analysis else "Adopt it."
+        yield Cause(State.EFFECT_NOT_ADOPTED, f"{found} {what}")
 
 
 def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensation]) -> list[str]:
@@ -582,10 +539,10 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
         return said
     count = len(components)
     if state is State.FRESH:
-        between = several(
-            "The one component lies between its maps, on fresh temperatures.",
-            "All %(count)s components lie between their maps, on fresh temperatures.",
-            count=count,
+        between = (
+            "The one component lies between its maps, on fresh temperatures."
+            if count == 1
+            else f"All {count} components lie between their maps, on fresh temperatures."
         )
         return [between, *said]
     touched = {code for cause in causes for code in cause.touches}
@@ -597,11 +554,9 @@ def _sentences(causes: Sequence[Cause], components: Sequence[ComponentCompensati
     )
     if spares and touched and 0 < others < count:
         said.append(
-            several(
-                "The other component can be trusted.",
-                "The %(count)s other components can be trusted.",
-                count=others,
-            )
+            "The other component can be trusted."
+            if others == 1
+            else f"The {others} other components can be trusted."
         )
     return said
 
@@ -705,10 +660,9 @@ def _age_s(situation: Situation) -> float | None:
 
 
 def _outside_words(outside_k: float) -> str:
-    size = Quantity(abs(outside_k), 2, "K")
     if outside_k > 0.0:
-        return Message("%(size)s above the hottest map", size=size)
-    return Message("%(size)s below the coldest map", size=size)
+        return f"{outside_k:.2f} K above the hottest map"
+    return f"{-outside_k:.2f} K below the coldest map"
 
 
 def _sentence(words: str) -> str:

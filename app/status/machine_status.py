@@ -11,7 +11,6 @@ from pydantic import Field
 
 from app.answer import Answer, UnitSymbol
 from app.geometry.components import Component
-from app.message import Message, Quantity, several
 from app.thermal.sensor_health import Health
 
 
@@ -97,8 +96,8 @@ class Largest(Answer, published_as="LargestValue"):
             return ""
         place = f"{self.axis.upper()} {self.position_mm:g}"
         if self.is_backward:
-            return Message(" at %(place)s backward", place=place)
-        return Message(" at %(place)s", place=place)
+            return f" at {place} backward"
+        return f" at {place}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +189,7 @@ class LastCheck(Answer):
     @classmethod
     def unjudged(cls, time: datetime) -> LastCheck:
         """Describe one of which nobody knows what was to be expected."""
-        return cls(time, Message("what was to be expected of it is not known"))
+        return cls(time, "what was to be expected of it is not known")
 
     @classmethod
     def of(
@@ -209,34 +208,26 @@ class LastCheck(Answer):
             `off`, `scatter`, `setup_scatter` and `at_most` [`unit`].
         """
         off, scatter, setup_scatter, at_most = (round(size, 4) for size in sizes)
-        found = several(
-            "%(off)s off in %(code)s",
-            "%(off)s off in %(code)s (root mean square of %(count)s values)",
-            count=count,
-            off=_sized(off, unit),
-            code=component,
+        found = (
+            f"{_sized(off, unit)} off in {component}"
+            if count == 1
+            else f"{_sized(off, unit)} off in {component} (root mean square of {count} values)"
         )
-        scatters = Message("one observation scatters by ±%(size)s", size=_sized(scatter, unit))
+        scatters = f"one observation scatters by ±{_sized(scatter, unit)}"
         if setup_scatter:
-            scatters = Message(
-                "one observation scatters by ±%(size)s and set-ups by ±%(setups)s",
-                size=_sized(scatter, unit),
-                setups=_sized(setup_scatter, unit),
+            scatters = (
+                f"one observation scatters by ±{_sized(scatter, unit)} and set-ups by "
+                f"±{_sized(setup_scatter, unit)}"
             )
-        text = Message(
-            "%(found)s; %(scatters)s, so at most %(most)s is expected",
-            found=found,
-            scatters=scatters,
-            most=_sized(at_most, unit),
-        )
+        text = f"{found}; {scatters}, so at most {_sized(at_most, unit)} is expected"
         is_as_expected = off <= at_most
         return cls(
             time, text, component, count, off, scatter, setup_scatter, at_most, unit, is_as_expected
         )
 
 
-def _sized(size: float, unit: str) -> Quantity:
-    return Quantity(size, 1 if size >= 1.0 else 2, unit)
+def _sized(size: float, unit: str) -> str:
+    return f"{size:.{1 if size >= 1.0 else 2}f} {unit}"
 
 
 def in_micro(size: float) -> str:

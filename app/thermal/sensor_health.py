@@ -13,7 +13,6 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import FieldError, InvalidContent, UnknownThing
-from app.message import Message, joined
 from app.thermal.machine import Machine, Sensor
 from app.thermal.temperature_history import TemperatureHistory
 from app.units import SECONDS_PER_MIN, duration_text
@@ -333,11 +332,9 @@ def _grow_older(sensor: Sensor, state: SensorState, elapsed_s: float) -> SensorS
         return state
     age_s = state.age_s + elapsed_s
     if state.health in (Health.OK, Health.STALE) and age_s > sensor.max_age_s:
-        detail = Message(
-            "%(sensor)s is stale: its last value is %(age)s old, at most %(most)s s are allowed",
-            sensor=sensor.name,
-            age=duration_text(age_s),
-            most=f"{sensor.max_age_s:g}",
+        detail = (
+            f"{sensor.name} is stale: its last value is {duration_text(age_s)} old, at "
+            f"most {sensor.max_age_s:g} s are allowed"
         )
         return state._replace(health=Health.STALE, age_s=age_s, detail=detail)
     return state._replace(age_s=age_s)
@@ -351,7 +348,7 @@ def _assess(
         return SensorState(
             sensor.name,
             Health.MISSING,
-            detail=Message("%(sensor)s is missing: no reading has it", sensor=sensor.name),
+            detail=f"{sensor.name} is missing: no reading has it",
         )
     verdicts = [_VERDICTS[verdict] for verdict in judged.tolist()]
     health = verdicts[-1]
@@ -363,33 +360,25 @@ def _assess(
         trusted = max(
             i for i, v in enumerate(verdicts) if v not in (Health.JUMP, Health.OUT_OF_RANGE)
         )
-        detail = Message(
-            "%(sensor)s jumped from %(before)g to %(after)g °C within %(time).0f s, expected at "
-            "most %(most)g °C/min",
-            sensor=sensor.name,
-            before=values[trusted],
-            after=value,
-            time=times[-1] - times[trusted],
-            most=sensor.max_rate_c_per_min,
+        detail = (
+            f"{sensor.name} jumped from {values[trusted]:g} to {value:g} °C within "
+            f"{times[-1] - times[trusted]:.0f} s, expected at most "
+            f"{sensor.max_rate_c_per_min:g} °C/min"
         )
         if trusted == 0:
             # Nothing speaks for the first value but that it was the first.
-            first_was_wrong = Message(
-                "if %(value)g °C is what was wrong, withdraw that reading "
-                "(`thermap readings withdraw`)",
-                value=values[0],
+            first_was_wrong = (
+                f"if {values[0]:g} °C is what was wrong, withdraw that reading "
+                "(`thermap readings withdraw`)"
             )
-            detail = joined([detail, first_was_wrong], "; ")
+            detail = "; ".join([detail, first_was_wrong])
     elif health is Health.STUCK:
         first = _runs(sensor, times, values)[0][-1]
         moved = _neighbours_movement(machine, sensor, history, times[first], times[-1:])
-        detail = Message(
-            "%(sensor)s is stuck: exactly %(value)g °C for %(time).0f s while its neighbours moved "
-            "by %(moved).2g °C",
-            sensor=sensor.name,
-            value=value,
-            time=times[-1] - times[first],
-            moved=moved[0],
+        detail = (
+            f"{sensor.name} is stuck: exactly {value:g} °C for "
+            f"{times[-1] - times[first]:.0f} s while its neighbours moved by "
+            f"{moved[0]:.2g} °C"
         )
     age_s = float(history.times_s[-1] - times[-1])
     state = SensorState(sensor.name, health, value, age_s, detail)

@@ -1,15 +1,20 @@
 """Catalogues: everything that pages say has a text, with the same places in it."""
 
-import copy
 import re
 from importlib.resources import files
 
 import pytest
+from markupsafe import Markup
 
-from app.message import Message, Quantity, several
-from app.pages.languages import ENGLISH, LANGUAGES, catalogue, messages_of_scripts
+from app.languages import ENGLISH, LANGUAGES, catalogue, messages_of_scripts, translations
+from app.languages.recognised import (
+    NAMES,
+    is_said_by_the_service,
+    parts_of,
+    recognised,
+)
 from app.pages.reader import read_reader
-from app.pages.wording import _, counted, said, said_near
+from app.pages.wording import _, said
 from scripts.update_catalogues import messages_in_code
 from tests.api.test_api_dashboard import feed, shown
 from tests.service_examples import START, reading
@@ -42,23 +47,116 @@ def test_every_message_has_a_text_with_the_same_places(language):
             assert set(PLACE.findall(form)) in places, (known, form)
 
 
-def test_a_sentence_of_the_service_is_said_in_the_readers_language_and_units():
-    size = Quantity(2.0, 2, "K")
-    where = Message("%(size)s above the hottest map", size=size)
-    told = Message("%(matter)s: %(consequence)s.", matter=where, consequence="EXX")
-    assert told == "2.00 K above the hottest map: EXX."
-    assert copy.deepcopy(told) == told
-    read_reader({"thermap-temperature": "F"}, "de-DE")
-    assert said(copy.deepcopy(told)) == "3,60 °F über der wärmsten Karte: EXX."
-    assert said(several("%(count)s map", "%(count)s maps", count=2)) == "2 Karten"
-    assert counted(1, "%(count)s map", "%(count)s maps") == "1 Karte"
-    assert _("%(axis)s axis", axis="X") == "X-Achse"
+def patterns_of_the_service(language):
+    """List what the service says: pattern, and its text, where a count is not one."""
+    for message in catalogue(language):
+        if message.id and any(is_said_by_the_service(file) for file, _lines in message.locations):
+            if isinstance(message.id, str):
+                yield message.id, message.string
+            else:
+                yield message.id[1], translations(language).ngettext(*message.id, 2)
 
 
-def test_what_is_english_for_everybody_is_marked_as_such():
-    assert said_near("odd <b>", START) == "odd <b>"
+def filled(pattern):
+    """Give values that a pattern may have: names, figures, and nothing where places touch."""
+    literals, places = parts_of(pattern)
+    values = {}
+    for at, place in enumerate(places):
+        is_name = NAMES.fullmatch(place.rstrip("0123456789"))
+        value = f"Sensor {'ABCDEFGHIJ'[at]}" if is_name else f"{at + 2}.5"
+        clings = (at > 0 and not literals[at]) or literals[at][-1:].isalpha()
+        clings = clings or literals[at + 1][:1].isalpha()
+        values.setdefault(place, "" if clings else value)
+    return values
+
+
+def without_marks(text):
+    return text.replace("\ue000", "").replace("\ue001", "")
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_sentence_of_the_service_is_recognised_as_itself(language):
+    patterns = list(patterns_of_the_service(language))
+    assert len(patterns) > 1000
+    wrong = [
+        (pattern, said_anew)
+        for pattern, text in patterns
+        if (said_anew := recognised(language, pattern % filled(pattern))) is None
+        or without_marks(said_anew) != text % filled(pattern)
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_what_says_the_same_in_english_says_the_same_in_other_languages(language):
+    texts = {}
+    for pattern, text in patterns_of_the_service(language):
+        literals, places = parts_of(pattern)
+        kinds = tuple(bool(NAMES.fullmatch(place.rstrip("0123456789"))) for place in places)
+        numbered = text
+        for at, place in enumerate(places):
+            numbered = numbered.replace(f"%({place})s", f"%({at})s")
+        texts.setdefault((literals, kinds), {})[numbered] = pattern
+    assert [both for both in texts.values() if len(both) > 1] == []
+
+
+@pytest.mark.parametrize(
+    ("english", "german"),
+    [
+        (
+            "Column is 2.00 K above the hottest map: 2 components are held at Map 24.",
+            "Column ist 3,60 °F über der wärmsten Karte: "
+            "2 Komponenten bleiben auf den Werten von Map 24.",
+        ),
+        ("map Run 6 is at 26.3 ± 0.2 °C", None),
+        (
+            "EXX, EYX and 1 more follow Bed front rather than Column (share 1.02 ± 0.03)",
+            "EXX, EYX und 1 weitere folgen Bed front statt Column (Anteil 1,02 ± 0,03)",
+        ),
+        (
+            "EXX has a reversal value of 6.08 ± 0.06 µm at X 254 mm, rising by 1.0 µm per 100 mm",
+            "EXX hat eine Umkehrspanne von 6,08 ± 0,06 µm bei X 10,00 in, "
+            "steigend um 1,0 µm je 3,94 in",
+        ),
+        ("assigned EXX to Column, EYX to Bed", "zugeordnet EXX zu Column, EYX zu Bed"),
+        ("map Run 6 stored", "Karte Run 6 gespeichert"),
+        ("Bed is stale", "Bed ist veraltet"),
+        ("nobody knows <b>", None),
+    ],
+)
+def test_a_sentence_is_said_as_a_whole_or_not_at_all(english, german):
+    read_reader({"thermap-temperature": "F", "thermap-length": "in"}, "de-DE")
+    if german is None:
+        assert said(english) == Markup('<span lang="en">{}</span>').format(english)
+    else:
+        assert said(english) == german
+
+
+def test_units_are_the_readers_in_english_too():
+    told = "Column is 2.00 K above the hottest map: 2 components are held at Map 24."
+    assert said(told) == told
+    read_reader({"thermap-temperature": "F"})
+    assert said(told) == told.replace("2.00 K", "3.60 °F")
+
+
+def test_names_of_users_stay_as_they_are():
     read_reader({"thermap-language": "de"})
-    assert said_near("odd <b>", START) == '<span lang="en">odd &lt;b&gt;</span>'
+    assert said("table, stale is missing: no reading has it") == (
+        "table, stale fehlt: in keiner Meldung enthalten"
+    )
+
+
+def test_of_several_sentences_each_is_said_for_itself():
+    read_reader({"thermap-language": "de"})
+    assert said("It is adopted by default. Nobody said <b>.") == (
+        'Er wird ohne Weiteres übernommen. <span lang="en">Nobody said &lt;b&gt;.</span>'
+    )
+
+
+def test_a_text_that_fits_everywhere_is_given_up():
+    read_reader({"thermap-language": "de"})
+    long = "EXX to Column of 3 to 4, " * 40
+    assert said(long) == Markup('<span lang="en">{}</span>').format(long)
 
 
 @pytest.mark.parametrize(

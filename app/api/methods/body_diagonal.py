@@ -35,7 +35,7 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.measurement.body_diagonal import body_diagonal
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Micro
 from app.services.context import Context
 from app.services.measurements import travel_volume
@@ -161,7 +161,7 @@ _FILE: Final = Format((*_RANGES, REPEATABILITY), _read_body_diagonal)
 
 BODY_DIAGONAL: Final = Method(
     name="body-diagonal",
-    title=Message("body diagonals (ISO 230-6)"),
+    title=message("body diagonals (ISO 230-6)"),
     summary="Body diagonals (ISO 230-6)",
     about="Evaluate Ed and ESd, and squareness from the ends.",
     request=BodyDiagonalRequest,

@@ -32,7 +32,7 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.measurement.drilled_plate import evaluate_drilled_plate
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
 from app.thermal.machine import Machine
@@ -168,7 +168,7 @@ _FILE: Final = Format(
 
 DRILLED_PLATE: Final = Method(
     name="drilled-plate",
-    title=Message("a drilled plate"),
+    title=message("a drilled plate"),
     summary="Holes of a drilled plate",
     about="Take scale, squareness and axis errors from holes, up to a rigid motion.",
     request=DrilledPlateRequest,

@@ -40,7 +40,7 @@ from app.files.delimited_text import DelimitedText
 from app.geometry.components import parse_component
 from app.measurement.machined_part import Comparison, evaluate_machined_part
 from app.measurement.stated_runs import as_straightness
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
 from app.services.predictions import predict_part
@@ -200,7 +200,7 @@ _FILE: Final = Format(
 
 MACHINED_PART: Final = Method(
     name="machined-part",
-    title=Message("a machined edge"),
+    title=message("a machined edge"),
     summary="Straightness of a machined edge",
     about="Take the straightness of an edge, and compare it with the active model's prediction.",
     request=MachinedPartRequest,

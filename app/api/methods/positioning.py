@@ -41,7 +41,7 @@ from app.files.csv_measurements.formats import Runs as RunsOfTable
 from app.files.delimited_text import DelimitedText
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.positioning import Positioning, evaluate_positioning
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
 from app.thermal.machine import Machine
@@ -219,7 +219,7 @@ _FILE: Final = Format((axis_among(*LINEAR_LETTERS), REPEATABILITY), _read_positi
 
 POSITIONING: Final = Method(
     name="positioning",
-    title=Message("positioning (ISO 230-2)"),
+    title=message("positioning (ISO 230-2)"),
     summary="Positioning (ISO 230-2)",
     about="Evaluate runs over target positions; both directions are kept.",
     request=PositioningRequest,

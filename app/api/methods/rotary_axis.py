@@ -29,7 +29,7 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.measurement.rotary_axis import measure_rotary_axis
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
 from app.thermal.machine import Machine
@@ -152,7 +152,7 @@ _FILE: Final = Format(
 
 ROTARY_AXIS: Final = Method(
     name="rotary-axis",
-    title=Message("a rotary axis (R-test)"),
+    title=message("a rotary axis (R-test)"),
     summary="R-test of a rotary axis",
     about="Find how a rotary axis lies from the places of a ball that it carries.",
     request=RotaryAxisRequest,

@@ -42,7 +42,7 @@ from app.files.csv_measurements.formats import (
 from app.files.delimited_text import DelimitedText
 from app.geometry.components import LINEAR_LETTERS, ROTATION_LETTERS
 from app.measurement.six_dof import evaluate_six_dof
-from app.message import Message
+from app.pages.wording import message
 from app.services.context import Context
 from app.thermal.machine import Machine
 
@@ -181,7 +181,7 @@ _FILE: Final = Format(
 
 SIX_DOF: Final = Method(
     name="six-dof",
-    title=Message("six errors of one axis"),
+    title=message("six errors of one axis"),
     summary="Six errors of one axis (Y.-Y. Hsu)",
     about="Take displacement, straightness and angles of one axis with their measuring line.",
     request=SixDofRequest,

@@ -36,7 +36,7 @@ from app.files.csv_measurements.formats import (
 from app.files.delimited_text import DelimitedText, Row
 from app.geometry.error_table import Table
 from app.measurement.step_diagonal import step_diagonal
-from app.message import Message
+from app.pages.wording import message
 from app.rounding import Micro
 from app.services.context import Context
 from app.thermal.machine import Machine
@@ -193,7 +193,7 @@ _FILE: Final = Format(
 
 STEP_DIAGONAL: Final = Method(
     name="step-diagonal",
-    title=Message("sequential step diagonals"),
+    title=message("sequential step diagonals"),
     summary="Sequential step diagonal (C. Wang)",
     about="Derive nine translations and three squareness errors from three or four diagonals.",
     request=StepDiagonalRequest,

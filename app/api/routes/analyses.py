@@ -6,7 +6,7 @@ from typing import Final
 from urllib.parse import quote
 
 import orjson
-from fastapi import Response
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import TypeAdapter
 
@@ -22,7 +22,7 @@ from app.api.dependencies import (
     RunnerDep,
 )
 from app.api.media_types import JSON
-from app.api.pages import Page
+from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.schemas.analyses import (
     AdoptionRequest,
@@ -105,8 +105,11 @@ def get_analysis(context: ContextDep, machine: MachinePath, analysis_id: Analysi
 
 
 @router.get("/{analysis_id}/report", summary="Report of an analysis", response_class=HTMLResponse)
-def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
+def get_report(
+    request: Request, context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath
+) -> Page:
     """Show what was found as a page for people to read; it needs no other file, and prints."""
+    take_reader(request)
     head, result = report_analysis(context, machine, analysis_id)
     return Page(analysis_report(head, result, back=_loop(machine, analysis_id)), scripts=2)
 
@@ -114,8 +117,11 @@ def get_report(context: ContextDep, machine: MachinePath, analysis_id: AnalysisP
 @router.get(
     "/{analysis_id}/visits", summary="Visits to make, as a list", response_class=HTMLResponse
 )
-def get_visits(context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath) -> Page:
+def get_visits(
+    request: Request, context: ContextDep, machine: MachinePath, analysis_id: AnalysisPath
+) -> Page:
     """Show the visits that would settle what is open as a page to print and to write on."""
+    take_reader(request)
     head, result = report_analysis(context, machine, analysis_id)
     return Page(visits_page(head, result.next_visits, back=_loop(machine, analysis_id)), scripts=2)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from fastapi import Path, Query, Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
 from app.access.keys import Role
 from app.api.access import needs, sees
@@ -36,6 +36,7 @@ from app.pages.dashboard.pages import machine_page, machines_page
 from app.pages.dashboard.setup import Source, new_machine_page, setup_page
 from app.pages.dashboard.stored import stored_check_page, stored_map_page
 from app.pages.dashboard.volume import volume_page
+from app.pages.wording import said_as_a_whole
 from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
 from app.services.dashboard import show_machine_view, show_machine_views
@@ -57,6 +58,8 @@ async def _for_the_reader(request: Request) -> None:
     """Let pages be written as their reader wants them."""
     take_reader(request)
 
+
+Texts = Annotated[list[Annotated[str, Query(max_length=2000)]], Query(max_length=30)]
 
 router = Router(read_first=_for_the_reader, route_class=BodyRoute, include_in_schema=False)
 
@@ -116,6 +119,12 @@ def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> Page:
     """
     view = show_fleet(context, question)
     return Page(fleet_page(view, context.now(), question), scripts=0, headers=_HEADERS)
+
+
+@router.get("/said")
+async def get_said(text: Texts) -> JSONResponse:
+    """Say texts of the service as pages do; null for one that is not recognised."""
+    return JSONResponse([said_as_a_whole(one) for one in text], headers=_HEADERS)
 
 
 @router.get("/favicon.ico")

@@ -41,7 +41,8 @@ class LackedByMaps(EffectKind):
             if c.kind is self.of and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
-            why = f"the maps already have every {self.name} that these observations can show"
+            what = self.name
+            why = f"the maps already have every {what} that these observations can show"
             return Proposals(not_testable=[self.refuse("", why)])
         return Proposals(
             [

@@ -13,6 +13,7 @@ from app.pages.report_parts.certificate import machine_facts, measured_facts, wr
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import kind_name, learnt_text
 from app.pages.report_parts.words import chance_text, figure_text, sentence
+from app.pages.wording import _, listed, said
 from app.services.report_head import ReportHead
 
 MOST_LABELS: Final = 12
@@ -23,13 +24,21 @@ def head_facts(head: ReportHead, result: Analysis) -> Mapping[str, str]:
     return {
         **machine_facts(head.machine_id, head.chain, head.serial_number),
         **measured_facts(head.instruments, head.operators, head.measured, result.temperatures_c),
-        "model": sentence(_model(head)),
-        "verifications": list_names(head.verifications, MOST_LABELS),
-        "observations": f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}",
-        "analysed": f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}, "
-        f"{written_by()}",
-        "adopted": sentence(_adopted(head)),
+        _("model"): said(sentence(_model(head))),
+        _("verifications"): listed(head.verifications, MOST_LABELS),
+        _("observations"): said(
+            f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}"
+        ),
+        _("analysed"): said(
+            f"{head.analysed_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC, seed {head.seed}, "
+            f"{written_by()}"
+        ),
+        _("adopted"): said(sentence(_adopted(head))),
     }
+
+
+def _observations(result: Analysis) -> str:
+    return f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}"
 
 
 def _model(head: ReportHead) -> str:
@@ -60,23 +69,23 @@ def effect_facts(effect: FoundEffect, decimals: int) -> Mapping[str, str]:
     drivers = [*effect.sensors, *effect.states]
     variant = f", {effect.variant}" if effect.variant else ""
     return {
-        "kind": f"{kind_name(effect.kind)}{variant}",
-        "acts on": list_names(map(component_name, effect.components)),
-        "driven by": list_names(drivers) if drivers else "",
-        "residual there": f"{sizes[0]} → {sizes[1]} {effect.unit} RMS, with all effects",
+        _("kind"): said(f"{kind_name(effect.kind)}{variant}"),
+        _("acts on"): said(list_names(map(component_name, effect.components))),
+        _("driven by"): listed(drivers) if drivers else "",
+        _("residual there"): said(f"{sizes[0]} → {sizes[1]} {effect.unit} RMS, with all effects"),
         **_sureness(evidence),
-        "learnt in": learnt_text(effect),
-        "use": effect.measure_again or "",
+        _("learnt in"): said(learnt_text(effect)),
+        _("use"): said(effect.measure_again or ""),
     }
 
 
 def _sureness(evidence: Evidence) -> dict[str, str]:
     """Say how sure it is: by its readings, or by visits that took no part and by chance."""
     if evidence.seen_in_readings:
-        return {"in the readings": evidence.seen_in_readings}
+        return {_("in the readings"): said(evidence.seen_in_readings)}
     return {
-        "held-out visits": _held_out(evidence),
-        "by chance": _by_chance(evidence.p_global),
+        _("held-out visits"): said(_held_out(evidence)),
+        _("by chance"): said(_by_chance(evidence.p_global)),
     }
 
 

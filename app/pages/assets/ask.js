@@ -19,6 +19,30 @@ export function counted(count, one, more, values = {}) {
   return filled(forms[Math.min(FORMS.indexOf(PLURALS.select(count)), forms.length - 1)], { count, ...values });
 }
 
+// What was not recognised, and stays in English.
+const english = new Set();
+
+// The service answers in English: what it says is said anew, each text as a whole or not at all.
+export async function saidAnew(texts) {
+  if ((document.documentElement.lang || "en") === "en" || !texts.length) return texts;
+  try {
+    const asked = new URLSearchParams(texts.map((text) => ["text", text]));
+    const answer = await fetch(`/said?${asked}`, { headers: { Accept: "application/json" }, cache: "no-store" });
+    const said = answer.ok ? await answer.json() : texts.map(() => null);
+    return texts.map((text, i) => said[i] ?? (english.add(text), text));
+  } catch {
+    return texts;
+  }
+}
+
+// Reads a refusal: why, and what is wrong with which field.
+export async function problemOf(answer) {
+  const { detail, errors = [] } = await answer.json().catch(() => ({}));
+  const [why, ...messages] = await saidAnew([detail ?? "", ...errors.map((one) => one.message)]);
+  const words = detail ? why : t("The service answered %(status)s.", { status: answer.status });
+  return { detail: words, errors: errors.map((one, i) => ({ ...one, message: messages[i] })) };
+}
+
 export class Refusal extends Error {
   constructor(detail, errors, status) {
     super(detail);
@@ -44,13 +68,14 @@ export async function send(method, path, content, accept = "application/json") {
     if (answer.status === 204) return null;
     return accept === "application/json" ? answer.json() : answer.blob();
   }
-  const problem = await answer.json().catch(() => ({}));
-  throw new Refusal(problem.detail ?? t("The service answered %(status)s.", { status: answer.status }), problem.errors, answer.status);
+  const problem = await problemOf(answer);
+  throw new Refusal(problem.detail, problem.errors, answer.status);
 }
 
 function element(tag, text, kind) {
   const made = document.createElement(tag);
   if (text) made.textContent = text;
+  if (english.has(text)) made.lang = "en";
   if (kind) made.className = kind;
   return made;
 }
@@ -68,11 +93,10 @@ export function refused(place, what, error) {
   box.role = "alert";
   const why = element("span", sentence(error.message));
   box.append(element("b", `${what} `), why);
-  // The service answers in English.
-  if (error.status) why.lang = "en";
+  if (english.has(error.message)) why.lang = "en";
   if (error.errors?.length) {
     const lines = list(error.errors.map((one) => `${one.field}: ${one.message}`));
-    lines.lang = "en";
+    error.errors.forEach((one, i) => english.has(one.message) && (lines.children[i].lang = "en"));
     box.append(lines);
   }
   if (error.status === 409) {

@@ -1,5 +1,5 @@
 // A controller's files: what they are, what to check after loading, and what they do not hold.
-import { counted, inReadersUnit, list, marked, numberOf, refused, Refusal, send, signed, t, timeOfDay, told } from "./ask.js";
+import { counted, inReadersUnit, list, marked, numberOf, refused, Refusal, saidAnew, send, signed, t, timeOfDay, told } from "./ask.js";
 
 const room = document.getElementById("export");
 const form = document.getElementById("options");
@@ -121,7 +121,7 @@ function head(answer) {
   const made = add("p", place, t("Made %(time)s with v%(version)s at %(temperatures)s. Values: %(sign)s.", { time: timeOfDay(answer.computed_at), version: answer.model_version, temperatures: at.join(", "), sign: SIGNS[answer.sign] }));
   made.tabIndex = -1;
   if (!answer.complete) add("p", place, t("The compensation table is not complete."), "caution");
-  if (answer.warnings.length) place.append(list(answer.warnings.map(sentence)));
+  saidAnew(answer.warnings).then((warnings) => warnings.length && made.after(list(warnings.map(sentence))));
 }
 
 function shown(answer) {

@@ -1,7 +1,7 @@
 // The page follows the service: whenever something changes it asks for itself again, and takes over
 // what differs. The service writes everything; nothing is judged or computed here.
 
-import { t } from "./ask.js";
+import { problemOf, t } from "./ask.js";
 import { areOff } from "./keys.js";
 
 const WAITING_MS = 5000;
@@ -80,8 +80,7 @@ async function refused(answer) {
   if (answer.status === 401) location.reload();
   else if (answer.status === 404) location.assign("/");
   else {
-    const problem = await answer.json().catch(() => ({}));
-    refusal = t("the service answers: %(answer)s.", { answer: problem.detail ?? answer.status });
+    refusal = t("the service answers: %(answer)s.", { answer: (await problemOf(answer)).detail });
     say(t("Not answered"));
     mark();
   }

@@ -1,7 +1,7 @@
 // What two versions leave of the same checks is computed when the page is opened and when other
 // versions are compared; it does not follow each reading.
 
-import { t } from "./ask.js";
+import { problemOf, t } from "./ask.js";
 
 const compare = document.getElementById("compare");
 const shown = document.getElementById("residuals-shown");
@@ -19,8 +19,7 @@ async function show() {
       shown.replaceChildren(document.adoptNode(page.getElementById("compared")));
       return;
     }
-    const problem = await answer.json().catch(() => ({}));
-    shown.textContent = `${t("Not compared:")} ${problem.detail ?? t("The service answered %(status)s.", { status: answer.status })}`;
+    shown.textContent = `${t("Not compared:")} ${(await problemOf(answer)).detail}`;
   } catch {
     shown.textContent = `${t("Not compared:")} ${t("The service was not reached.")}`;
   }

@@ -1,7 +1,7 @@
 // A file, or values that were typed in, are shown as they were read; only a button stores them. The
 // service says which kind a file is of, reads and judges it; here its answers are put in their place.
 
-import { dayAndTime, fill, momentOf, t, valueOf } from "./ask.js";
+import { dayAndTime, fill, momentOf, problemOf, saidAnew, t, valueOf } from "./ask.js";
 
 const drop = document.getElementById("drop");
 const preview = document.getElementById("preview");
@@ -79,9 +79,9 @@ function place(errors) {
 }
 
 async function refused(title, answer, changes) {
-  const problem = await answer.json().catch(() => ({}));
-  const [lines, first] = place(problem.errors ?? []);
-  if (!problem.errors?.length) lines.push(problem.detail ?? t("The service answered %(status)s.", { status: answer.status }));
+  const problem = await problemOf(answer);
+  const [lines, first] = place(problem.errors);
+  if (!problem.errors.length) lines.push(problem.detail);
   if (first) lines.push(t("What the file does not say is asked above."));
   if (first || (chosen && chosen.expected === "map")) override.hidden = false;
   if (first) override.open = true;
@@ -207,7 +207,7 @@ async function store(path, acceptLosses) {
   let title = t("Check ‘%(label)s’ is stored.", { label });
   if (isMap) title = t("Map ‘%(label)s’ is stored.", { label });
   if (stored.activated === false) title = t("Map ‘%(label)s’ is stored; v%(version)s waits.", { label, version: stored.model_version });
-  const lines = [...(stored.judgement ? [stored.judgement.summary] : []), ...(stored.warnings ?? [])];
+  const lines = await saidAnew([...(stored.judgement ? [stored.judgement.summary] : []), ...(stored.warnings ?? [])]);
   dispatchEvent(new CustomEvent("thermap-changed", { detail: { path, stored } }));
   if (queue.length > 1) {
     document.getElementById("stored-files").append(element("li", [title, ...lines].join(" ")));

@@ -1,7 +1,7 @@
 // The flat drawing is the service's and always there. 3D is plotly's, which is large: it is loaded when
 // somebody wants it, and only where WebGL works.
 
-import { t, timeOfDay } from "./ask.js";
+import { problemOf, t, timeOfDay } from "./ask.js";
 
 const PLOTLY = "/docs-assets/plotly.min.js";
 let three;
@@ -50,8 +50,8 @@ async function draw() {
       }),
       window.Plotly ? null : load(PLOTLY),
     ]);
+    if (!answer.ok) throw new Error((await problemOf(answer)).detail);
     const figure = await answer.json();
-    if (!answer.ok) throw new Error(figure.detail);
     const drawn = figure.layout.meta?.drawn ?? t("The work volume in 3D");
     space.setAttribute("role", "img");
     space.setAttribute("aria-label", drawn);

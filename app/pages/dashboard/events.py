@@ -8,21 +8,21 @@ from typing import Final
 from urllib.parse import urlencode
 
 from app.events.event import Event, EventKind, Events
-from app.message import Message
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
+from app.pages.wording import message
 from app.services.tell_receivers import Receiver
 from app.status.machine_status import MachineStatus, State
 
 KINDS: Final[Mapping[str, str]] = {
-    "alarm": Message("Alarms"),
-    "sensor": Message("Sensors"),
-    "model": Message("Models"),
-    "verification": Message("Checks"),
-    "watch": Message("Watch"),
-    "analysis": Message("Analyses"),
-    "readings": Message("Readings"),
-    "machine": Message("Settings"),
+    "alarm": message("Alarms"),
+    "sensor": message("Sensors"),
+    "model": message("Models"),
+    "verification": message("Checks"),
+    "watch": message("Watch"),
+    "analysis": message("Analyses"),
+    "readings": message("Readings"),
+    "machine": message("Settings"),
 }
 """What the list may be held to, and its title."""
 

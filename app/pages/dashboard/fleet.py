@@ -6,10 +6,11 @@ import json
 from datetime import datetime
 from typing import Any
 
+from app.pages.dashboard.loop import JOBS
 from app.pages.environment import render_live
 from app.pages.fleet_report import ANSWERS, gain_text, parameters, rms_text, share_text
 from app.pages.report_parts.effect_names import MARKS, STATUSES, VERDICTS, explanation_name
-from app.pages.wording import _, counted, in_english
+from app.pages.wording import _, counted, said, said_plainly
 from app.services.fleet import HOLDOUT, FleetMember, FleetQuestion, FleetView
 from app.storage.records import AnalysisStatus
 
@@ -90,7 +91,7 @@ def _ordered(view: FleetView, judged: dict[str, Any]) -> list[FleetMember]:
 def _title(view: FleetView, to_ask: int) -> str:
     is_analysed = any(one.analysis is not None for one in view.machines)
     if view.judgement is not None and is_analysed:
-        summary = in_english(view.judgement.summary)
+        summary = said(view.judgement.summary)
         if not to_ask:
             return summary
         more = counted(
@@ -143,7 +144,7 @@ def _share(view: FleetView) -> float:
 def _row(one: FleetMember, judged: Any) -> dict[str, Any]:
     job = one.analysis
     if one.why_not:
-        state = _("cannot be analysed: %(why)s", why=one.why_not)
+        state = _("cannot be analysed: %(why)s", why=said_plainly(one.why_not))
     elif job is None:
         state = _("not analysed yet")
     elif job.status is AnalysisStatus.RUNNING:
@@ -151,13 +152,13 @@ def _row(one: FleetMember, judged: Any) -> dict[str, Any]:
             "analysis %(number)s runs: %(share).0f %%, %(doing)s",
             number=job.id,
             share=100 * job.progress,
-            doing=job.message,
+            doing=said_plainly(job.message),
         )
     elif job.status is AnalysisStatus.QUEUED:
         state = _("analysis %(number)s waits", number=job.id)
     elif job.status is AnalysisStatus.DONE:
         state = _("analysis %(number)s done", number=job.id)
     else:
-        word = _("analysis")
-        state = f"{word} {job.id} {job.status}: {job.message}"
+        word, message = _("analysis"), said_plainly(job.message)
+        state = f"{word} {job.id} {_(JOBS[job.status])}: {message}"
     return {"member": one, "state": state, "judged": judged}

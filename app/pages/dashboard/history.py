@@ -8,18 +8,18 @@ from typing import Final
 import numpy as np
 
 from app.compensation.table import ComponentCompensation
-from app.message import Message
 from app.pages.dashboard.navigation import Shown
 from app.pages.environment import render_live
+from app.pages.wording import message
 from app.services.dashboard import MachineView
 
 SPANS: Final[tuple[tuple[int, str], ...]] = (
-    (3600, Message("1 hour")),
-    (86_400, Message("1 day")),
-    (7 * 86_400, Message("1 week")),
-    (30 * 86_400, Message("30 days")),
-    (91 * 86_400, Message("3 months")),
-    (366 * 86_400, Message("1 year")),
+    (3600, message("1 hour")),
+    (86_400, message("1 day")),
+    (7 * 86_400, message("1 week")),
+    (30 * 86_400, message("30 days")),
+    (91 * 86_400, message("3 months")),
+    (366 * 86_400, message("1 year")),
 )
 """What may be chosen at once [s]."""
 

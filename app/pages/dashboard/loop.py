@@ -10,17 +10,16 @@ from typing import Any, Final
 
 from app.effects.observations import Verification
 from app.effects.registry import KINDS, kind_of
-from app.errors import capitalised, list_names
+from app.errors import capitalised
 from app.geometry.components import COMPONENTS, Kind
 from app.identification.analysis.analysis import Analysis, TriedAssignment
 from app.identification.analysis.figures import ComponentFigures
 from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.plots import EffectCurve, VisitMeans
-from app.message import Message
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
 from app.pages.dashboard.navigation import Shown
-from app.pages.dashboard.numbers import clock
+from app.pages.dashboard.numbers import clock, marked
 from app.pages.environment import render_live
 from app.pages.reader import zone_name
 from app.pages.report_parts.assignment_words import proposal_words, staying_words
@@ -41,7 +40,7 @@ from app.pages.report_parts.effect_names import (
 from app.pages.report_parts.smallest_seen import size_range, units_of
 from app.pages.report_parts.words import chance_text, decimals_for, figure_text, sentence
 from app.pages.what_was_read import read_of_verification
-from app.pages.wording import _, counted, in_english, said
+from app.pages.wording import _, counted, listed, message, said, said_plainly
 from app.services.loop import UNFINISHED, LaterVisits, LeftOfCheck, LoopView
 from app.storage.records import AnalysisStatus, StoredAnalysis, StoredVerification
 from app.units import Unit
@@ -58,21 +57,21 @@ RIGID: Final = [
 """What is measured along a rigid machine's linear axes; others can be typed in as well."""
 
 _STATUSES: Final = {
-    "confirmed": Message("Confirmed"),
-    "suspected": Message("Suspected"),
-    "not-confirmable": Message("Not confirmable"),
+    "confirmed": message("Confirmed"),
+    "suspected": message("Suspected"),
+    "not-confirmable": message("Not confirmable"),
 }
-_JOBS: Final = {
-    AnalysisStatus.QUEUED: Message("queued"),
-    AnalysisStatus.RUNNING: Message("running"),
-    AnalysisStatus.DONE: Message("done"),
-    AnalysisStatus.FAILED: Message("failed"),
-    AnalysisStatus.CANCELLED: Message("cancelled"),
+JOBS: Final = {
+    AnalysisStatus.QUEUED: message("queued"),
+    AnalysisStatus.RUNNING: message("running"),
+    AnalysisStatus.DONE: message("done"),
+    AnalysisStatus.FAILED: message("failed"),
+    AnalysisStatus.CANCELLED: message("cancelled"),
 }
 _JUDGED: Final = {
-    "within": Message("no change proved"),
-    "beyond": Message("change proved"),
-    "not-judged": Message("not judged"),
+    "within": message("no change proved"),
+    "beyond": message("change proved"),
+    "not-judged": message("not judged"),
 }
 
 
@@ -134,7 +133,7 @@ def later_words(later: LaterVisits) -> str:
             len(later.verification_ids),
             "%(count)s later check: nothing can be said, %(why)s.",
             "%(count)s later checks: nothing can be said, %(why)s.",
-            why=later.why_not,
+            why=said_plainly(later.why_not or ""),
         )
     decimals = decimals_for(later.before.repeatability)
     before, after = (figure_text(s.rms, decimals) for s in (later.before, later.after))
@@ -170,7 +169,7 @@ def _steps(view: LoopView) -> list[dict[str, Any]]:
                 (_("1 Checks"), checks if view.verifications else _("none yet")),
                 (
                     _("2 Analysis %(number)s", number=one.id if one else ""),
-                    said(_JOBS[one.status]) if one else _("none"),
+                    _(JOBS[one.status]) if one else _("none"),
                 ),
                 (_("3 Decide"), decided),
                 (
@@ -194,7 +193,7 @@ def _analysed(one: StoredAnalysis | None, labels: dict[int, str]) -> str:
     names = [
         labels.get(i, _("number %(number)s, deleted", number=i)) for i in one.task.verification_ids
     ]
-    return said(list_names(names, 4))
+    return listed(names, 4)
 
 
 def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime) -> dict[str, Any]:
@@ -202,8 +201,8 @@ def _check(one: StoredVerification, chosen: StoredAnalysis | None, now: datetime
     return {
         "stored": one,
         "when": clock(one.first_at, now),
-        "what": said(list_names(one.components, 6)),
-        "judged": "–" if one.judgement is None else said(_JUDGED[one.judgement.status]),
+        "what": listed(one.components, 6),
+        "judged": "–" if one.judgement is None else _(_JUDGED[one.judgement.status]),
         "why": "" if one.judgement is None else one.judgement.summary,
         "is_ticked": chosen is None
         or one.id in chosen.task.verification_ids
@@ -217,7 +216,7 @@ def _job(one: StoredAnalysis, now: datetime) -> dict[str, Any]:
         "stored": one,
         "when": clock(one.created_at, now),
         "adopted": adopted,
-        "state": said(_JOBS[one.status]),
+        "state": _(JOBS[one.status]),
     }
 
 
@@ -270,22 +269,22 @@ def _headline(result: Analysis) -> str:
     """The answer: the first effect in its own sentence, or what the verdict is."""
     first = next(iter(result.effects), None)
     if first is None:
-        return f"{said(VERDICTS[result.verdict])}."
+        return f"{_(VERDICTS[result.verdict])}."
     more = len(result.effects) - 1
     if not more:
-        return f"{first.explanation}."
+        return said(sentence(f"{first.explanation}."))
     return counted(
         more,
         "%(effect)s, and %(count)s more effect.",
         "%(effect)s, and %(count)s more effects.",
-        effect=first.explanation,
+        effect=said_plainly(sentence(first.explanation)),
     )
 
 
 def _found_sentence(result: Analysis, decimals: int) -> list[str]:
     """Before, after, floor; where nothing was found, the analysis' own summary."""
     if not result.effects:
-        return [in_english(sentence(result.summary))]
+        return [said(sentence(result.summary))]
     before, after = (figure_text(f.shown_rms, decimals) for f in (result.before, result.after))
     unit = result.unit
     if result.before.holdout_rms is not None:
@@ -328,7 +327,7 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
     evidence = one.evidence
     facts = []
     if evidence.seen_in_readings:
-        facts.append(_("in the readings: %(what)s", what=evidence.seen_in_readings))
+        facts.append(_("in the readings: %(what)s", what=said_plainly(evidence.seen_in_readings)))
     else:
         facts.append(_slope_words(one))
         if evidence.p_global is not None:
@@ -338,8 +337,10 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
     warnings = [w for w in (one.doubt, one.leverage_warning, one.measure_again) if w]
     if one.is_proxy:
         warnings.append(
-            "something unexplained remains beside it, so it may be a proxy for something "
-            "that varies alike"
+            message(
+                "something unexplained remains beside it, so it may be a proxy for something "
+                "that varies alike"
+            )
         )
     return {
         "number": number,
@@ -374,7 +375,7 @@ def _slope_words(one: FoundEffect) -> str:
 
 
 def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
-    names = said(list_names(map(component_name, dict.fromkeys(curve.components)), 3))
+    names = listed([component_name(code) for code in dict.fromkeys(curve.components)], 3)
     over_time = curve.over == TIME
     floor = _floor_of(curve.components, result)
     last = datetime.fromtimestamp(curve.driver[-1], UTC)
@@ -382,7 +383,7 @@ def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
     return {
         "names": names,
         "unit": curve.unit,
-        "over": f"{curve.over}, {unit}" if unit else curve.over,
+        "over": said_plainly(f"{curve.over}, {unit}" if unit else curve.over),
         "band": floor is not None,
         "rows": [
             [f"{at:.4g}", *(figure_text(v, 2) for v in values)]
@@ -393,8 +394,15 @@ def _curve(curve: EffectCurve, result: Analysis) -> dict[str, Any]:
         **residual_chart(
             Marks(curve.driver, curve.before, curve.after, curve.explained),
             floor,
-            f"Residuals of {names} in {curve.unit} over {curve.over}: within "
-            f"±{largest([curve.before]):.3g} before, ±{largest([curve.after]):.3g} after",
+            _(
+                "Residuals of %(names)s in %(unit)s over %(over)s: within ±%(before)s before, "
+                "±%(after)s after",
+                names=names,
+                unit=curve.unit,
+                over=said_plainly(curve.over),
+                before=marked(f"{largest([curve.before]):.3g}"),
+                after=marked(f"{largest([curve.after]):.3g}"),
+            ),
             over_time=over_time,
         ),
     }

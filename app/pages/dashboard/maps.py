@@ -9,9 +9,7 @@ from typing import Any, Final
 from app.compensation.table import CompensationTable, ComponentCompensation
 from app.compensation.table_difference import ComponentChange
 from app.effects.adopted.model_difference import Part
-from app.errors import list_names
 from app.geometry.components import COMPONENTS
-from app.message import Message
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import (
@@ -26,7 +24,7 @@ from app.pages.dashboard.numbers import (
 from app.pages.environment import render_live
 from app.pages.reader import day_and_time
 from app.pages.what_was_read import WhatWasRead, read_of_map
-from app.pages.wording import _, counted, said
+from app.pages.wording import _, counted, listed, message
 from app.services.maps_view import MapsView
 from app.services.models import Preview
 from app.services.recorded_change import RecordedChanges
@@ -42,11 +40,11 @@ SEEN: Final = 0.05
 """Changes below are 0.0 as they are written: their rows fold into one."""
 
 _STATUSES: Final[Mapping[str, str]] = {
-    Status.CLAMPED: Message("outside its maps"),
-    Status.EXTRAPOLATED: Message("extrapolated"),
-    Status.INTERPOLATED: Message("interpolated"),
-    Status.AT_MAP: Message("at-map"),
-    Status.STAND_IN: Message("stand-in"),
+    Status.CLAMPED: message("outside its maps"),
+    Status.EXTRAPOLATED: message("extrapolated"),
+    Status.INTERPOLATED: message("interpolated"),
+    Status.AT_MAP: message("at-map"),
+    Status.STAND_IN: message("stand-in"),
 }
 """A machine shop clamps workpieces."""
 
@@ -260,12 +258,7 @@ def _recorded(recorded: RecordedChanges) -> list[str]:
     if not recorded.changes:
         return []
     rows = ((_row(one), one.time) for one in recorded.changes)
-    named = said(
-        list_names(
-            (f"{_by(row)} ({day_and_time(then)})" for row, then in rows),
-            MOST_RECORDED,
-        )
-    )
+    named = listed([f"{_by(row)} ({day_and_time(then)})" for row, then in rows], MOST_RECORDED)
     return [
         counted(
             recorded.count,
@@ -321,8 +314,8 @@ def _row(one: ComponentChange) -> dict[str, Any]:
         "change": signed(-one.change),
         "unit": one.unit,
         "place": place,
-        "before": said(_STATUSES.get(one.status_before, one.status_before)),
-        "after": said(_STATUSES.get(one.status_after, one.status_after)),
+        "before": _(_STATUSES.get(one.status_before, one.status_before)),
+        "after": _(_STATUSES.get(one.status_after, one.status_after)),
     }
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from app.message import Message
+from app.pages.wording import message
 
 MACHINE_PAGES: Final[tuple[tuple[str, str], ...]] = (
-    ("", Message("Now")),
-    ("/loop", Message("Loop")),
-    ("/maps", Message("Maps and versions")),
-    ("/volume", Message("Volume")),
-    ("/history", Message("History")),
-    ("/events", Message("Events")),
-    ("/setup", Message("Set-up")),
+    ("", message("Now")),
+    ("/loop", message("Loop")),
+    ("/maps", message("Maps and versions")),
+    ("/volume", message("Volume")),
+    ("/history", message("History")),
+    ("/events", message("Events")),
+    ("/setup", message("Set-up")),
 )
 """Where each stands below `/machines/{machine}`, and its title."""
 

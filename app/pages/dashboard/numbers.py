@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from markupsafe import Markup
 
-from app.pages.languages import decimal_mark, said_in
+from app.languages import decimal_mark, said_in
 from app.pages.reader import local, reader
 from app.units import SECONDS_PER_DAY, SECONDS_PER_H, SECONDS_PER_MIN
 

@@ -12,8 +12,8 @@ from urllib.parse import urlencode
 import numpy as np
 from markupsafe import Markup
 
+from app.languages import ENGLISH
 from app.live.database_watch import Trouble, TroubleKind
-from app.message import Message
 from app.pages.dashboard.charts import (
     Scale,
     course_svg,
@@ -38,9 +38,8 @@ from app.pages.dashboard.numbers import (
     signed,
 )
 from app.pages.environment import render_live
-from app.pages.languages import ENGLISH
 from app.pages.reader import reader, zone_name
-from app.pages.wording import _, all_said, counted, said, said_near
+from app.pages.wording import _, all_said, counted, message, said
 from app.services.dashboard import Curve, MachineView
 from app.status.machine_status import (
     LastCheck,
@@ -67,32 +66,32 @@ _LIMITED: Final = frozenset({Status.CLAMPED, Status.EXTRAPOLATED, "held"})
 """Statuses of components that are marked."""
 
 _STATES: Final[Mapping[State, str]] = {
-    State.NO_MODEL: Message("No model"),
-    State.NO_READING: Message("No reading"),
-    State.SENSOR_FAULT: Message("Sensor fault"),
-    State.OUTSIDE_MAPS: Message("Outside the maps"),
-    State.STALE: Message("Stale"),
-    State.EXTRAPOLATED: Message("Extrapolated"),
-    State.CLAMPED: Message("Outside calibrated range"),
-    State.HELD: Message("Held at edge"),
-    State.EFFECT_MISSING: Message("Effect missing"),
-    State.INCOMPLETE: Message("Incomplete"),
-    State.LATE: Message("Sensor late"),
-    State.DRIFTING: Message("Drifting"),
-    State.CHECK_OFF: Message("Last check off"),
-    State.EFFECT_NOT_ADOPTED: Message("Effect not adopted"),
-    State.STAND_IN: Message("Stand-in"),
-    State.FRESH: Message("Up to date"),
+    State.NO_MODEL: message("No model"),
+    State.NO_READING: message("No reading"),
+    State.SENSOR_FAULT: message("Sensor fault"),
+    State.OUTSIDE_MAPS: message("Outside the maps"),
+    State.STALE: message("Stale"),
+    State.EXTRAPOLATED: message("Extrapolated"),
+    State.CLAMPED: message("Outside calibrated range"),
+    State.HELD: message("Held at edge"),
+    State.EFFECT_MISSING: message("Effect missing"),
+    State.INCOMPLETE: message("Incomplete"),
+    State.LATE: message("Sensor late"),
+    State.DRIFTING: message("Drifting"),
+    State.CHECK_OFF: message("Last check off"),
+    State.EFFECT_NOT_ADOPTED: message("Effect not adopted"),
+    State.STAND_IN: message("Stand-in"),
+    State.FRESH: message("Up to date"),
 }
 
 _HEALTHS: Final[Mapping[Health, str]] = {
-    Health.OK: Message("ok"),
-    Health.MISSING: Message("missing"),
-    Health.STALE: Message("stale"),
-    Health.OUT_OF_RANGE: Message("out of range"),
-    Health.STUCK: Message("stuck"),
-    Health.JUMP: Message("jump"),
-    Health.FAULTY: Message("faulty"),
+    Health.OK: message("ok"),
+    Health.MISSING: message("missing"),
+    Health.STALE: message("stale"),
+    Health.OUT_OF_RANGE: message("out of range"),
+    Health.STUCK: message("stuck"),
+    Health.JUMP: message("jump"),
+    Health.FAULTY: message("faulty"),
 }
 
 _HYPHEN: Final = "\N{NON-BREAKING HYPHEN}"
@@ -197,7 +196,7 @@ def _summary(statuses: Sequence[MachineStatus], counts: Mapping[str, int]) -> Su
     failed = [s for s in statuses if s.verdict is Verdict.NOT_TRUSTED]
     worst = ""
     if len(failed) == 1:
-        state = said(_STATES[failed[0].state])
+        state = _(_STATES[failed[0].state])
         state = state.lower() if reader().language == ENGLISH else state
         worst = _("%(machine)s cannot: %(state)s.", machine=failed[0].name, state=state)
     elif failed:
@@ -241,7 +240,7 @@ def _row(view: MachineView, group: str, largest: float, now: datetime) -> dict[s
         "status": status,
         "group": group,
         "state": _state_words(status, now),
-        "why": said_near(why, now),
+        "why": said(why, now),
         "more": "" if status.verdict is Verdict.TRUSTED else all_said(status.sentences, now),
         "leading": leading,
         "course": course,
@@ -309,7 +308,7 @@ def _sensors(view: MachineView) -> dict[str, Any]:
 def _state_words(status: MachineStatus, now: datetime) -> str:
     # A date is not broken at its hyphens.
     since = "" if status.since is None else f" · {clock(status.since, now).replace('-', _HYPHEN)}"
-    return said(_STATES[status.state]) + since
+    return _(_STATES[status.state]) + since
 
 
 def _sensor(view: MachineView, sensor: SensorNow) -> dict[str, Any]:
@@ -354,7 +353,7 @@ def _health_words(sensor: SensorNow | None) -> str:
         return ""
     if sensor.health is Health.STALE and sensor.age_s is not None:
         return _("%(age)s old", age=age(sensor.age_s))
-    return said(_HEALTHS[sensor.health])
+    return _(_HEALTHS[sensor.health])
 
 
 def _axes(curves: Sequence[Curve], chosen: Mapping[str, str]) -> list[dict[str, Any]]:

@@ -9,15 +9,13 @@ from datetime import datetime
 from itertools import groupby
 from typing import Any, Final
 
-from app.errors import list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.message import Message
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
 from app.pages.environment import render_live
 from app.pages.reader import day_and_time
-from app.pages.wording import _, counted, said
+from app.pages.wording import _, counted, listed, message
 from app.services.setup import SetupView
 from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
@@ -109,7 +107,7 @@ def links_of(chain: Chain) -> list[str]:
     """
     carried = [axis.upper() for axis in reversed(chain.workpiece)]
     tool = (axis.upper() for axis in chain.tool)
-    return [Message("workpiece"), *carried, Message("bed"), *tool, Message("tool")]
+    return [message("workpiece"), *carried, message("bed"), *tool, message("tool")]
 
 
 def _form(machine: Machine) -> dict[str, Any]:
@@ -135,7 +133,7 @@ def _steps(view: SetupView) -> Iterator[Step]:
     yield Step(_("Maps"), len(maps) > 1, stored + states)
     without = [p.code for p in view.proposals if p.current_sensor is None]
     follow = (
-        _("%(codes)s follow no sensor", codes=said(list_names(without, 6)))
+        _("%(codes)s follow no sensor", codes=listed(without, 6))
         if without
         else _("every component has one")
     )

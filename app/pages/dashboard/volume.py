@@ -13,33 +13,31 @@ import numpy as np
 from markupsafe import Markup
 
 from app.arrays import FloatArray
-from app.errors import list_names
 from app.geometry.compensation_levels import Level
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
-from app.message import Message
 from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import NO_BREAK, marked, number, position, signed, temperature
 from app.pages.dashboard.pages import group_of
 from app.pages.environment import render_live
 from app.pages.reader import reader
-from app.pages.wording import _, counted, said
+from app.pages.wording import _, counted, listed, message
 from app.pictures.slices import LINES, Slice
 from app.services.volume import PointError, VolumeNow, VolumeView
 from app.units import UM_PER_MM
 
 LEVELS: Final = {
-    Level.NOTHING: Message("Nothing is compensated"),
-    Level.DISPLACEMENT: Message("Displacement: EXX, EYY, EZZ"),
-    Level.STRAIGHTNESS: Message("… and straightness, squareness"),
-    Level.ANGULAR: Message("… and the nine rotations"),
-    Level.NONRIGID: Message("… and slopes of bending axes"),
+    Level.NOTHING: message("Nothing is compensated"),
+    Level.DISPLACEMENT: message("Displacement: EXX, EYY, EZZ"),
+    Level.STRAIGHTNESS: message("… and straightness, squareness"),
+    Level.ANGULAR: message("… and the nine rotations"),
+    Level.NONRIGID: message("… and slopes of bending axes"),
 }
 
 _VIEWS: Final = {
-    "Top": Message("Top view"),
-    "Front": Message("Front view"),
-    "Side": Message("Side view"),
+    "Top": message("Top view"),
+    "Front": message("Front view"),
+    "Side": message("Side view"),
 }
 
 _ROUND: Final = (1.0, 2.0, 5.0)
@@ -94,7 +92,7 @@ def _shown(now: VolumeNow) -> dict[str, Any]:
         ],
         "through": [
             (words, urlencode(base | {"through": words}), words == now.through)
-            for words in (Message("worst"), Message("middle"))
+            for words in (message("worst"), message("middle"))
         ],
         "corners": [
             _row(_("worst"), worst, largest),
@@ -155,7 +153,7 @@ def _zero(now: VolumeNow) -> str:
         "The true error may be larger.",
         "%(count)s components without two maps count as zero: %(codes)s. "
         "The true error may be larger.",
-        codes=said(list_names(missing)),
+        codes=listed(missing),
     )
 
 
@@ -175,7 +173,7 @@ def _levels(now: VolumeNow) -> list[dict[str, Any]]:
     largest = max((one.max_um for one in now.levels), default=0.0) or 1.0
     return [
         {
-            "name": said(LEVELS[one.level]),
+            "name": _(LEVELS[one.level]),
             "mean": number(one.mean_um, 1),
             "largest": number(one.max_um, 1),
             "share": round(100.0 * one.max_um / largest, 1),
@@ -252,7 +250,7 @@ def _view(one: Slice, now: VolumeNow, margin_mm: float) -> dict[str, Any]:
         parts.append(f'<line class="edge" x1="{a:.2f}" y1="{b:.2f}" x2="{c:.2f}" y2="{d:.2f}"/>')
         parts.append(f'<circle class="from" cx="{a:.2f}" cy="{b:.2f}" r="{ring / 2:.2f}"/>')
         parts.append(f'<circle class="ringed" cx="{c:.2f}" cy="{d:.2f}" r="{ring:.2f}"/>')
-    view = said(_VIEWS[one.name])
+    view = _(_VIEWS[one.name])
     plane = _("%(plane)s at %(place)s", plane=one.plane, place=f"{third} {_mm(one.at_mm)}")
     name = _(
         "%(view)s, %(plane)s %(unit)s: nominal grid and real one, errors drawn %(times)s times "

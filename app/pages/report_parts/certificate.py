@@ -6,16 +6,16 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 
 from app import __version__
-from app.errors import list_names
+from app.pages.wording import _, listed, message, said
 
-NOT_STATED = "not stated"
+NOT_STATED = message("not stated")
 
 
 def machine_facts(machine_id: str, chain: str, serial_number: str | None) -> dict[str, str]:
     """Say which machine it is."""
     return {
-        "machine": f"{machine_id} ({chain})",
-        "serial number": serial_number or NOT_STATED,
+        _("machine"): f"{machine_id} ({chain})",
+        _("serial number"): serial_number or _(NOT_STATED),
     }
 
 
@@ -34,11 +34,14 @@ def measured_facts(
     """
     ends = [] if measured is None else [_minute(time) for time in measured]
     return {
-        "instrument": _names(instruments),
-        "operator": _names(operators),
-        "measured": " to ".join(dict.fromkeys(ends)) or NOT_STATED,
-        "temperatures": "; ".join(
-            f"{sensor} {low:.1f} to {high:.1f} °C" for sensor, (low, high) in temperatures_c.items()
+        _("instrument"): _names(instruments),
+        _("operator"): _names(operators),
+        _("measured"): said(" to ".join(dict.fromkeys(ends)) or NOT_STATED),
+        _("temperatures"): said(
+            "; ".join(
+                f"{sensor} {low:.1f} to {high:.1f} °C"
+                for sensor, (low, high) in temperatures_c.items()
+            )
         ),
     }
 
@@ -50,7 +53,7 @@ def written_by() -> str:
 
 def _names(names: Iterable[str | None]) -> str:
     named = list(dict.fromkeys(filter(None, names)))
-    return list_names(named) if named else NOT_STATED
+    return listed(named) if named else _(NOT_STATED)
 
 
 def _minute(time: datetime) -> str:

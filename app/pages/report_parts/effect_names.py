@@ -13,14 +13,14 @@ from app.effects.valid import LearntIn
 from app.errors import list_names
 from app.identification.analysis import advice
 from app.identification.analysis.found_effect import Evidence, FoundEffect
-from app.message import Message
+from app.pages.wording import message
 from app.units import date_text, duration_text, plus_minus, true_minus, unit_of_field
 
 VERDICTS: Final = {
-    "effects-found": Message("Effects found"),
-    "nothing-found": Message("Nothing found"),
-    "unexplained": Message("Something unexplained"),
-    "not-judged": Message("Not judged"),
+    "effects-found": message("Effects found"),
+    "nothing-found": message("Nothing found"),
+    "unexplained": message("Something unexplained"),
+    "not-judged": message("Not judged"),
 }
 STATUSES: Final = {
     "confirmed": "confirmed on held-out visits",
@@ -48,6 +48,14 @@ TESTS: Final = {
     "flexible": "a found effect whose course differs from the library's",
 }
 """Which test says that structure is left."""
+
+PARAMETERS: Final = (
+    *(message("amplitude"), message("assumed"), message("bias"), message("bow")),
+    *(message("changed at"), message("curvature"), message("drift"), message("lasted")),
+    *(message("length"), message("pitch"), message("reversal"), message("shift")),
+    *(message("share"), message("slope"), message("time constant"), message("within")),
+)
+"""What most parameters are called, for the catalogues."""
 
 _UNIX_TIME: Final = "_unix_s"
 _PARAMETER: Final = re.compile(
