@@ -16,7 +16,7 @@ from app.effects.low_pass import SETTLED
 from app.effects.map_tables import maps_of_label, positions_of, temperatures_of_maps
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
-from app.effects.shape import Everywhere, Rising, Sensitivity, Shape
+from app.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Shape
 from app.effects.term import Term
 from app.geometry.components import COMPONENTS, ORDER, Component, Kind
 from app.search.noise import deviations
@@ -184,6 +184,27 @@ class CampaignView:
             for (measured_c, settled), there in zip(driver.in_maps_c, late, strict=True)
         )
         return replace(driver, in_maps_c=points, time_constant_s=time_constant_s)
+
+    def late_in_maps(self, code: str, sensor: str, tau_s: float) -> dict[str, float] | None:
+        """Say how warm what follows a sensor late was in each map of a component [°C].
+
+        A map from before the record counts as measured when all had settled, at the temperature
+        that it states. None where no map is known to differ from that, or where maps that the
+        sensor tells apart could not be told apart so.
+        """
+        located = self.model.find(code)
+        if located is None:
+            return None
+        scale = located[0].scales[0]
+        labels = [located[0].labels[row] for row in scale.rows]
+        signal = Signal("temperature", sensor)
+        late_c = [self._late_at(signal, tau_s, self._measured_s(code, label)) for label in labels]
+        is_late = np.isfinite(late_c)
+        if not is_late.any():
+            return None
+        in_maps_c = np.where(is_late, late_c, scale.temperatures_c)
+        late = dict(zip(labels, in_maps_c.tolist(), strict=True))
+        return None if Exchange.of(sensor, late).why_missing(self.model, code) else late
 
     def _late_in_map(self, code: str, label: str, driver: BeyondMaps, tau_s: float) -> float:
         """Say what was followed late when a component's map was measured; NaN: not known."""

@@ -15,10 +15,11 @@ from app.geometry.components import COMPONENTS
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.residuals import map_uncertainty as module
 from app.identification.residuals.inexact_sensors import (
-    error_columns,
     inexact_sensors,
     looked_back,
+    map_temperature_columns,
     read_inexactly,
+    reading_error_columns,
 )
 from app.identification.residuals.map_uncertainty import (
     between_positions,
@@ -216,7 +217,7 @@ def test_a_coarse_sensor_is_one_unknown_for_each_stay_of_its_reading():
     read["x-middle"] = np.round(read["x-middle"])
     coarse = inexact_sensors(where.machine, TemperatureHistory(history.times_s, read))
     assert list(coarse) == ["x-middle"]
-    steps = error_columns(where.projection, history, coarse)
+    steps = reading_error_columns(where.projection, history, coarse)
     off_k = np.full(len(where.rows), 1.0 / np.sqrt(12.0))
     change = left_by_temperatures(where.projection, {"x-middle": off_k})
     np.testing.assert_allclose(steps.sum(axis=1), change)
@@ -247,7 +248,26 @@ def test_sensors_that_are_not_coarse_change_nothing():
     history, _ = readings()
     coarse = inexact_sensors(where.machine, history)
     assert coarse == {}
-    assert error_columns(where.projection, history, coarse).shape == (len(where.rows), 0)
+    assert reading_error_columns(where.projection, history, coarse).shape == (len(where.rows), 0)
+
+
+def test_what_maps_state_is_rounded_too():
+    """All maps of a sensor a little warmer are as its readings a little colder."""
+    where = example_view()
+    model = where.projection.model
+    columns = map_temperature_columns(where.projection, {})
+    begin = 0
+    for group in {group.sensor: group for group in model.groups}.values():
+        of_sensor = columns[:, begin : begin + len(group.labels)]
+        begin += len(group.labels)
+        error_k = model.machine.sensor(group.sensor).resolution_c / np.sqrt(12.0)
+        colder = np.full(len(where.rows), -error_k)
+        change = left_by_temperatures(where.projection, {group.sensor: colder})
+        assert change.any()
+        np.testing.assert_allclose(of_sensor.sum(axis=1), change, atol=0.01 * np.ptp(change))
+        # Between two maps only these count.
+        assert (np.diff(of_sensor.tocsr().indptr) <= 2).all()
+    assert begin == columns.shape[1]
 
 
 def test_a_noisy_sensor_is_read_as_its_neighbouring_readings_say():
@@ -258,7 +278,7 @@ def test_a_noisy_sensor_is_read_as_its_neighbouring_readings_say():
     recorded = TemperatureHistory(history.times_s, read)
     noisy = inexact_sensors(where.machine, recorded)
     assert list(noisy) == ["x-middle"]
-    columns = error_columns(where.projection, recorded, noisy)
+    columns = reading_error_columns(where.projection, recorded, noisy)
     off_k = np.full(len(where.rows), noisy["x-middle"].error_k)
     change = left_by_temperatures(where.projection, {"x-middle": off_k})
     np.testing.assert_allclose(columns.sum(axis=1), change)

@@ -271,6 +271,6 @@ def test_planning_takes_the_proposal_as_it_is_in_json_and_as_a_file(campaign, tm
 
 def test_where_no_visit_is_proposed_nothing_is_written_and_nothing_more_claimed(tmp_path, capsys):
     """A tie of the instrument is open too, and no visit of the machine tells it."""
-    write_visits(tmp_path / "visits", "vmc", ())
+    write_visits(None, tmp_path / "visits", "vmc", 1, ())
     assert capsys.readouterr().err.endswith("nothing written: the analysis proposes no visit\n")
     assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ clock or a lag.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import TypeAlias
 
@@ -16,10 +17,13 @@ import numpy as np
 from scipy import sparse
 
 from app.arrays import FloatArray, SparseArray
+from app.effects.driver import Always
 from app.effects.kind import NotTested
 from app.effects.kinds.sensor_fault import SensorFault
-from app.effects.projection import Projection
+from app.effects.projection import Projection, sum_of_terms
+from app.effects.shape import Exchange
 from app.effects.supposition import left_by_temperatures
+from app.effects.term import Term
 from app.thermal.coarse_readings import Coarse, looking_back
 from app.thermal.machine import Machine
 from app.thermal.noisy_readings import Noisy, without_noise
@@ -54,6 +58,52 @@ def looked_back(readings: TemperatureHistory, inexact: Mapping[str, Inexact]) ->
 
 
 def error_columns(
+    projection: Projection, readings: TemperatureHistory, inexact: Mapping[str, Inexact]
+) -> SparseArray:
+    """Say how each row changes if a temperature is off: one that was read, or that a map states.
+
+    Returns
+    -------
+    sparse array, shape (n, s) [the rows' units]
+        For one standard error of each.
+    """
+    columns = [
+        reading_error_columns(projection, readings, inexact),
+        map_temperature_columns(projection, inexact),
+    ]
+    return sparse.csr_array(sparse.hstack(columns))
+
+
+def map_temperature_columns(projection: Projection, inexact: Mapping[str, Inexact]) -> SparseArray:
+    """Say how each row changes if the temperature that a map states is off by its rounding.
+
+    All components that follow the sensor are off together (JCGM 100:2008, F.2.2.1).
+
+    Returns
+    -------
+    sparse array, shape (n, s) [the rows' units]
+        For one standard error of each map's temperature by each sensor that components follow.
+    """
+    model, columns = projection.model, [sparse.csr_array((len(projection.rows), 0))]
+    for sensor in dict.fromkeys(group.sensor for group in model.groups):
+        inexactness = inexact.get(sensor)
+        step_k = inexactness.step_k if isinstance(inexactness, Coarse) else 0.0
+        error_k = max(model.machine.sensor(sensor).resolution_c, step_k) / np.sqrt(12.0)
+        terms: dict[str, list[Term]] = defaultdict(list)
+        for group in (group for group in model.groups if group.sensor == sensor):
+            scale = group.scales[0]
+            labels = [group.labels[row] for row in scale.rows]
+            stated_c = dict(zip(labels, scale.temperatures_c, strict=True))
+            for label in labels:
+                off = Exchange.of(sensor, {**stated_c, label: stated_c[label] + error_k})
+                terms[label] += [Term(code, Always(), off) for code in group.codes]
+        for of_map in terms.values():
+            change = np.nan_to_num(sum_of_terms(projection, of_map))
+            columns.append(sparse.csr_array(change[:, None]))
+    return sparse.csr_array(sparse.hstack(columns))
+
+
+def reading_error_columns(
     projection: Projection, readings: TemperatureHistory, inexact: Mapping[str, Inexact]
 ) -> SparseArray:
     """Say how each row changes if a sensor was off for a while.
