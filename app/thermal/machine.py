@@ -25,7 +25,8 @@ FAR_BEYOND = 100.0
 ENOUGH_PLACES = 3
 """So many positions of an axis show how much of it was measured; fewer may be one place's."""
 
-_SENSOR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,63}")
+_SENSOR_NAME = re.compile(r"[^\W_][\w. -]{0,63}")
+"""Letters of any alphabet: a column is a `Säule` where it stands."""
 
 
 class OutOfRange(StrEnum):
@@ -171,8 +172,8 @@ class Machine:
         if wrong:
             raise InvalidContent.of_field(
                 "sensors",
-                "expected names of 1 to 64 letters A to Z or a to z, digits, spaces, dots, "
-                "hyphens or underscores, beginning with a letter or digit, got "
+                "expected names of 1 to 64 letters, digits, spaces, dots, hyphens or "
+                "underscores, beginning with a letter or digit, got "
                 f"{list_names([repr(name) for name in wrong])}",
             )
         for sensor in self.sensors.values():
