@@ -236,8 +236,10 @@ def _stated_plan(thermap: ThermapClient, machine: str, file: Path) -> _Plan:
     from app.cli.check_files import look_at_visits
 
     ((_, visit),) = look_at_visits(thermap, machine, [file])
-    body = visit.planned.model_dump(mode="json", exclude_unset=True)
-    ordered = sorted(body["observations"], key=lambda o: datetime.fromisoformat(o["time"]))
+    body = visit.planned.model_dump(mode="json", exclude_none=True)
+    ordered = sorted(
+        map(_approached, body["observations"]), key=lambda o: datetime.fromisoformat(o["time"])
+    )
     setups: dict[str | None, list[Observation]] = {}
     for observation in ordered:
         setups.setdefault(observation.get("setup"), []).append(observation)
@@ -395,6 +397,18 @@ def _visit(
             sign = "+" if (i + number) % 2 else "-"
             observation |= {"position_mm": round(position, 3), "direction": sign}
         yield observation
+
+
+def _approached(observation: Observation) -> Observation:
+    """State a component's approach by one sign, as a file does; the service has one an axis."""
+    from app.geometry.components import COMPONENTS
+
+    code, signs = _code(observation), observation.get("direction")
+    if not code or not isinstance(signs, dict):
+        return observation
+    sign = signs.get(str(COMPONENTS[code].axis))
+    rest = {name: value for name, value in observation.items() if name != "direction"}
+    return rest if sign is None else {**rest, "direction": sign}
 
 
 def _reversed_by(observation: Mapping[str, Any], reversals: Mapping[str, float]) -> float:

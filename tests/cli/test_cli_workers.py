@@ -63,7 +63,7 @@ def test_more_than_one_worker_is_refused_on_sqlite(run, tmp_path):
     found = run("serve", "--workers", "2", "--port", "0", "--database-url", url)
     assert found.exit_code == 2
     words = " ".join(found.stderr.replace("│", " ").split())
-    assert "2 need a PostgreSQL database" in words
+    assert "2 need PostgreSQL" in words
     assert not list(tmp_path.iterdir())
 
 

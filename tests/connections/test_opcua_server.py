@@ -307,9 +307,9 @@ async def test_a_taken_port_is_said_and_tried_again(machine, monkeypatch):
 @pytest.mark.parametrize(
     ("endpoint", "words"),
     [
-        ("127.0.0.1:4840", "expected opc.tcp://ADDRESS:PORT/NAME"),
-        ("opc.tcp://127.0.0.1/thermap", "expected opc.tcp://ADDRESS:PORT/NAME"),
-        ("opc.tcp://127.0.0.1:99999/thermap", "expected opc.tcp://ADDRESS:PORT/NAME"),
+        ("127.0.0.1:4840", "opc.tcp://ADDRESS:PORT/NAME"),
+        ("opc.tcp://127.0.0.1/thermap", "opc.tcp://ADDRESS:PORT/NAME"),
+        ("opc.tcp://127.0.0.1:99999/thermap", "opc.tcp://ADDRESS:PORT/NAME"),
     ],
 )
 def test_endpoints_that_are_refused(endpoint, words):

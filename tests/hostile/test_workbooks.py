@@ -58,7 +58,7 @@ def test_a_small_one_is_read():
         '<c s="7"/></row>'
     )
     assert read_sheets(packed(rows, strings)) == {
-        "S": [[], ["a", "", "b c"], ["5", "0.001", "True", "A", "in", "out", "x"]]
+        "S": [[], ["a", "", "b c"], ["5", "0.0010", "True", "A", "in", "out", "x"]]
     }
 
 
