@@ -40,7 +40,7 @@ COMMANDS: Final = {
     "import": Home(
         "import_files",
         "import_files",
-        "Store machines, error maps and readings from files; all are checked before any is sent.",
+        "Store machines, error maps and readings from files; no map before all are looked at.",
     ),
     "compensate": Home(
         "compensate",

@@ -123,7 +123,7 @@ def import_files(
     ] = False,
     url: UrlOption = DEFAULT_URL,
 ) -> None:
-    """Store machines, error maps and readings from files; all are checked before any is sent.
+    """Store machines, error maps and readings from files; no map before all are looked at.
 
     JSON: a machine, an error map, readings, or lists of them. CSV: an error map with
     the columns component, position_mm, error_um (or error_urad, slope_um_per_m,
