@@ -52,8 +52,8 @@ class _Finder(ast.NodeVisitor):
             self.generic_visit(node)
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        """Take what sensors may be, of one word each."""
-        for one in node.body if node.name == "Health" else ():
+        """Take what sensors and analyses may be, of one word each."""
+        for one in node.body if node.name in ("Health", "AnalysisStatus") else ():
             if isinstance(one, ast.Assign) and _is_text(one.value):
                 self.found.append((one.lineno, None, one.value.value))
         self.generic_visit(node)

@@ -32,6 +32,7 @@ SERVICE = (
     "services/**",
     "status/**",
     "storage/analyses",
+    "storage/records",
     "thermal/**",
     "api/error_responses",
     "api/routes/login",

@@ -316,7 +316,7 @@ def _found_sentence(result: Analysis, decimals: int) -> list[str]:
             )
         )
     else:
-        why = result.floor_unknown or _("it was not measured")
+        why = said_plainly(result.floor_unknown or "") or _("it was not measured")
         found.append(_("The floor is unknown: %(why)s.", why=why))
     if result.verdict == "unexplained":
         found.append(_("Something remains that no effect explains."))
@@ -331,7 +331,9 @@ def _effect(number: int, one: FoundEffect, result: Analysis) -> dict[str, Any]:
     else:
         facts.append(_slope_words(one))
         if evidence.p_global is not None:
-            facts.append(_("by chance: %(chance)s", chance=chance_text(evidence.p_global)))
+            facts.append(
+                _("by chance: %(chance)s", chance=said_plainly(chance_text(evidence.p_global)))
+            )
     curves = result.plots.effects
     curve = curves[number] if number < len(curves) else None
     warnings = [w for w in (one.doubt, one.leverage_warning, one.measure_again) if w]
