@@ -44,6 +44,36 @@ def run_quick_analysis(page):
     expect(page.locator("#answer h1")).to_contain_text("EZX")
 
 
+ENGLISH = re.compile(r"\b(?:and|from|not|of|that|the|which|with)\b")
+UNMARKED = """() => {
+  const texts = [], walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walk.nextNode()) {
+    const { parentElement, textContent } = walk.currentNode;
+    if (!parentElement.closest("[lang=en], script, style, code")) texts.push(textContent.trim());
+  }
+  return texts.filter(Boolean);
+}"""
+
+
+def test_the_loop_and_its_report_are_german_but_for_what_is_marked(chromium, shop):
+    with shop.open(), opened(chromium, shop) as (page, _wrong):
+        page.context.add_cookies([{"name": "thermap-language", "value": "de", "url": shop.url}])
+        page.goto(shop.url + LOOP)
+        run_quick_analysis(page)
+        expect(page.locator("#answer h1")).to_contain_text("hat eine Umkehrspanne von")
+        page.locator("details").evaluate_all("all => all.forEach(one => { one.open = true })")
+        report = page.locator("a[data-key=r]").first.get_attribute("href")
+        for address in (None, report):
+            if address:
+                page.goto(shop.url + address)
+            assert page.locator("html").get_attribute("lang") == "de"
+            texts = page.evaluate(UNMARKED)
+            assert len(texts) > 100
+            assert [text for text in texts if ENGLISH.search(text)] == []
+            assert page.locator("main [lang=en]").count() < 5
+            assert barriers(page) == []
+
+
 def test_an_effect_is_found_adopted_and_taken_back(chromium, shop):
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)

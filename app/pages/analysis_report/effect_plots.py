@@ -22,6 +22,7 @@ from app.pages.report_parts.drawing import (
     markers,
     pointing,
 )
+from app.pages.wording import said_plainly
 
 
 def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> list[Drawing]:
@@ -42,12 +43,17 @@ def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> lis
     over_time = curve.over == TIME
     x = dates(curve.driver) if over_time else curve.driver
     extent = largest([curve.before, curve.after, curve.explained])
-    layout = layout_of(_x_title(curve), f"residual [{curve.unit}]", extent, over_time=over_time)
+    y_title = said_plainly(f"residual [{curve.unit}]")
+    layout = layout_of(_x_title(curve), y_title, extent, over_time=over_time)
     names = hover_texts([component_name(c) for c in curve.components])
     sides = curve.direction if _is_reversing(effect) else []
     subjects = list_names(map(component_name, dict.fromkeys(curve.components)), 3)
     drawings = []
-    for which, values in (("before", curve.before), ("after", curve.after)):
+    drawn = (
+        ("before", "Before this effect", curve.before),
+        ("after", "After this effect", curve.after),
+    )
+    for which, title, values in drawn:
         after = which == "after"
         trace = {**pointing(markers(x, values, after=after), sides, after=after), **names}
         data = [trace] if after else [trace, _says(x, curve.explained)]
@@ -55,29 +61,26 @@ def effect_drawings(number: int, effect: FoundEffect, curve: EffectCurve) -> lis
             f"Residuals of {subjects} in {curve.unit} over {curve.over}, {which} this "
             f"effect: within ±{largest([values]):.3g} {curve.unit}, {len(x)} values"
         )
-        title = f"{which.capitalize()} this effect"
         drawings.append(Drawing(f"effect-{number}-{which}", title, alt_text, data, layout))
     return drawings
 
 
 def caption(effect: FoundEffect) -> str:
     """Say how to read an effect's two figures, as plain text."""
+    is_reversing, note = _is_reversing(effect), kind_of(effect.kind).driver_note
     shapes = (
-        "Triangles point the way of approach: up for plus, down for minus. Open"
-        if _is_reversing(effect)
-        else "Rings"
+        f"{'Open triangles' if is_reversing else 'Rings'}: measured minus predicted, with all "
+        "other effects but without this one."
     )
-    note = kind_of(effect.kind).driver_note
-    return (
-        f"{shapes}: measured minus predicted, with all other effects but without this one. "
-        "Crosses: what this effect predicts. Filled: what is left with it."
-        + (f" {note}" if note else "")
-    )
+    ways = "Triangles point the way of approach: up for plus, down for minus."
+    rest = "Crosses: what this effect predicts. Filled: what is left with it."
+    return " ".join(filter(None, (ways if is_reversing else "", shapes, rest, note)))
 
 
 def _x_title(curve: EffectCurve) -> str:
     unit = "UTC" if curve.over == TIME else curve.over_unit
-    return f"{curve.over} [{unit}]" if unit else str(curve.over)
+    over = said_plainly(str(curve.over))
+    return f"{over} [{unit}]" if unit else over
 
 
 def _is_reversing(effect: FoundEffect) -> bool:
