@@ -72,7 +72,10 @@ def is_this_computer(host: str) -> bool:
 class Settings(BaseSettings):
     """What an operator may choose."""
 
-    model_config = SettingsConfigDict(env_prefix="THERMAP_", frozen=True, extra="forbid")
+    # A compose file hands on what is not set as an empty text.
+    model_config = SettingsConfigDict(
+        env_prefix="THERMAP_", env_ignore_empty=True, frozen=True, extra="forbid"
+    )
 
     database_url: str = Field(
         default_factory=lambda: sqlite_url("thermap.db"),

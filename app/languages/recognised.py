@@ -43,7 +43,7 @@ _TOKEN: Final = re.compile(
     r"(?:/(?:°C|K²?|mm|m|min|h|s|d|day|kg|[a-z]+_[a-z_]+))*"
     r"|UTC|RMS"
     r"|[A-Z][A-Z0-9]{0,2}|[vV]\d+|[A-Z]{2,}\d*"  # axes, codes of components, versions
-    r"|\w+(?:[._]\w+|\[\d*\])+"  # fields
+    r"|[^\W_]+(?:[._]+[^\W_]+|\[\d*\])+"  # fields
     r")[)\]]*[,;:…]?"
 )
 """What needs no language: figures with their units, times, codes, names of fields."""
@@ -58,7 +58,7 @@ _NO_NAME: Final = re.compile(
 
 _CODE: Final = re.compile(r"\b(?:[A-Z][A-Z0-9]{0,2}|[A-Z]{4,}\d*)\b")
 _SEVERAL: Final = re.compile(r" and \d+ more$|^points [xyz], ")
-_QUOTED: Final = re.compile(r"`[^`]*`|'[^']*'|“[^”]*”|\"[^\"]*\"")
+_QUOTED: Final = re.compile(r"`[^`]*`|'[^']*'|“[^“”]*”|\"[^\"]*\"")
 _NAME: Final = re.compile(r"(?!.*(?:[.;:!?] |  ))[^\s,;:](?:.{0,80}[^\s,;:])?", re.DOTALL)
 
 NAMES: Final = re.compile(

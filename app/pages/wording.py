@@ -14,7 +14,7 @@ from app.languages.recognised import FIGURE_BEGINS, FIGURE_ENDS, recognised
 from app.pages.dashboard.numbers import F_AT_0_C, F_PER_K, MM_PER_INCH, marked
 from app.pages.reader import Reader, localised, reader
 
-_FIGURE: Final = rf"{FIGURE_BEGINS}([^{FIGURE_ENDS}]*){FIGURE_ENDS}"
+_FIGURE: Final = rf"{FIGURE_BEGINS}([^{FIGURE_BEGINS}{FIGURE_ENDS}]*){FIGURE_ENDS}"
 _WITH_UNIT: Final = re.compile(
     rf"{_FIGURE}(?:(?P<between> ± |[ ,]* \w+ |, ){_FIGURE})?"
     r"(?P<space>[  ])(?P<unit>°C|K|mm)(?![\w/·²])"

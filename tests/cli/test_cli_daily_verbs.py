@@ -415,7 +415,7 @@ def test_a_verification_among_maps_is_told_with_the_command_that_stores_it(
     thermap, client, tmp_path
 ):
     (tmp_path / "visit.csv").write_text(VISIT, encoding="utf-8")
-    found = thermap("import", tmp_path / "visit.csv", columns=300)
+    found = thermap("import", tmp_path / "visit.csv", "-m", "mcfv5050", columns=300)
     assert found.exit_code == 1
     assert f"`thermap verifications store {tmp_path / 'visit.csv'}` stores them" in found.stderr
     assert client.verifications("mcfv5050") == []

@@ -126,7 +126,6 @@ def test_readings_without_a_table_are_stored_all_the_same(thermap, write):
     [
         (("--column", "load"), "expected NAME=SENSOR"),
         (("--column", "load=bed"), "has no sensor bed; it has x-middle"),
-        (("--column", "lead=spindle"), "the file has no column lead"),
         (("--start", "2026-03-01T06:00"), "with its zone"),
         (("--start", "noon"), "with its zone"),
         (("--utc-offset", "CET"), "expected an offset such as +01:00"),
@@ -136,6 +135,12 @@ def test_options_that_cannot_be_right(thermap, write, options, words):
     found = thermap("replay", "mcfv5050", write(warm_up()), *options, columns=200)
     assert (found.exit_code, found.stdout) == (2, "")
     assert words in found.stderr
+
+
+def test_a_column_that_the_file_lacks(thermap, write):
+    found = thermap("replay", "mcfv5050", write(warm_up()), "--column", "lead=spindle")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert "the file has no column lead" in " ".join(found.stderr.split())
 
 
 @pytest.mark.slow

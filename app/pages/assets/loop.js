@@ -1,7 +1,8 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
 import { askOnce, changeWords, list, lossLines, momentOf, refused, send, t, told, typedOf, valueOf } from "./ask.js";
 
-const { take } = document.getElementById("drop") ? await import("./upload.js") : {};
+// Not awaited here: what is pressed before it has come is answered all the same.
+const uploading = document.getElementById("drop") ? import("./upload.js") : null;
 
 const room = document.getElementById("loop");
 const api = room.dataset.api;
@@ -270,7 +271,7 @@ if (rows) {
   });
   // What was shown was of what was typed then.
   document.querySelector("#typed form").addEventListener("input", () => by("preview").replaceChildren());
-  document.querySelector("#typed form").addEventListener("submit", (event) => {
+  document.querySelector("#typed form").addEventListener("submit", async (event) => {
     event.preventDefault();
     const label = by("typed-label").value;
     const filled = [...rows.rows].filter((row) => field(row, "error").value.trim());
@@ -281,6 +282,7 @@ if (rows) {
     const observations = filled.map((row, i) => observation(row, read[2 * i], read[2 * i + 1]));
     by("checks-said").replaceChildren();
     const check = { label, datum: by("typed-datum").value, repeatability_um, observations };
+    const { take } = await uploading;
     take("typed values.json", new TextEncoder().encode(JSON.stringify(check)).buffer, by("typed-send"));
   });
 }
