@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, cast
 
 from app.cli.terminal import echo
-from app.cli.uploads import Upload, look_at_all, naming, read_bytes, send
+from app.cli.uploads import Beside, Upload, look_at_all, naming, read_bytes, send
 from app.errors import counted
 from thermap import ThermapClient, calls
 from thermap.answers import StoredVerificationAnswer, VerificationPreview, VisitPreview
@@ -26,9 +26,8 @@ def look_at_checks(
     NotImported
         With file, line and column of everything that is wrong in any.
     """
-    uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
-    looks = look_at_all(thermap, uploads, _BESIDE, calls.Storing(preview=True))
-    return [(u, cast("VerificationPreview", s.answer)) for u, s in zip(uploads, looks, strict=True)]
+    looks = _looks(thermap, machine, files, _BESIDE)
+    return [(upload, cast("VerificationPreview", answer)) for upload, answer in looks]
 
 
 def show_checks(read: Sequence[tuple[Upload, VerificationPreview]]) -> None:
@@ -84,10 +83,18 @@ def look_at_visits(
     NotImported
         With file, line and column of everything that is wrong in any.
     """
-    uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
-    looks = look_at_all(thermap, uploads, _PLANNED, calls.Storing(preview=True))
-    visits = [cast("VisitPreview", look.answer) for look in looks]
-    for upload, visit in zip(uploads, visits, strict=True):
+    looks = _looks(thermap, machine, files, _PLANNED)
+    visits = [(upload, cast("VisitPreview", answer)) for upload, answer in looks]
+    for upload, visit in visits:
         for warning in visit.warnings:
             echo(f"{upload.file}: note: {warning}", err=True)
-    return list(zip(uploads, visits, strict=True))
+    return visits
+
+
+def _looks(
+    thermap: ThermapClient, machine: str, files: Sequence[Path], beside: Beside
+) -> Iterator[tuple[Upload, calls.ImportedFile]]:
+    """Let the service read every file, and store none."""
+    uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
+    looks = look_at_all(thermap, uploads, beside, calls.Storing(preview=True))
+    return ((upload, look.answer) for upload, look in zip(uploads, looks, strict=True))

@@ -84,10 +84,10 @@ def read_bytes(files: Sequence[Path]) -> dict[Path, bytes]:
     return contents
 
 
-def raise_if_any(wrong: Sequence[str]) -> None:
-    """Raise NotImported with all that keeps files from being stored."""
+def raise_if_any(wrong: Sequence[str], nothing: str = "nothing") -> None:
+    """Raise NotImported with all that keeps files from being stored, and what is not stored."""
     if wrong:
-        raise NotImported("\n".join(["nothing was stored:", *wrong]))
+        raise NotImported("\n".join([f"{nothing} was stored:", *wrong]))
 
 
 def look_at_all(
@@ -109,7 +109,8 @@ def look_at_all(
             raise
         except ThermapClientError as error:
             wrong += complaints(upload.file, error, upload.place)
-    raise_if_any(list(dict.fromkeys(wrong)))
+    # The machine that the files belong to may have been stored just before.
+    raise_if_any(list(dict.fromkeys(wrong)), "no map or check")
     return looks
 
 

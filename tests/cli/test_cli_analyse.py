@@ -157,7 +157,7 @@ def test_nothing_is_sent_where_a_file_is_wrong(thermap, client, tmp_path):
     found = thermap("analyse", MACHINE_ID, *options([good, bad]), *QUICK)
     assert found.exit_code == 1
     told = plain(found.stderr)
-    assert "nothing was stored" in told
+    assert "no map or check was stored" in told
     assert "line 3, column 1 (time): expected a time with its zone" in told
     assert "column 4 (direction): expected + or -, got 'up'" in told
     assert "column 5 (measured_um): expected a number in µm, got 'much'" in told

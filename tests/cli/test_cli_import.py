@@ -1,6 +1,7 @@
 """thermap import: all files are checked, then sent, once each."""
 
 import json
+import re
 from datetime import timedelta
 
 import pytest
@@ -68,7 +69,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     found = thermap("import", right, wrong, "--machine", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr == (
-        "thermap: nothing was stored:\n"
+        "thermap: no map or check was stored:\n"
         f"{wrong}, line 10, column 3 (error_um): expected a number in µm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
@@ -117,7 +118,7 @@ def test_what_is_there_otherwise_keeps_all_files_from_being_stored(thermap, clie
     found = thermap("import", first, second, "--machine", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     why = "machine 'mcfv5050' has another error map 'Run #1' (number 1); choose another label"
-    assert found.stderr.startswith(f"thermap: nothing was stored:\n{second}: {why}")
+    assert found.stderr.startswith(f"thermap: no map or check was stored:\n{second}: {why}")
     assert len(client.error_maps("mcfv5050")) == 3
 
 
@@ -127,7 +128,8 @@ def test_a_sensor_that_the_machine_lacks_is_found_before_anything_is_sent(therma
     found = thermap("import", right, wrong, "--machine", "mcfv5050")
     assert found.exit_code == 1
     assert found.stderr.startswith(
-        f"thermap: nothing was stored:\n{wrong}: temperatures_c.bed: machine 'mcfv5050' has no "
+        "thermap: no map or check was stored:\n"
+        f"{wrong}: temperatures_c.bed: machine 'mcfv5050' has no "
     )
     assert len(client.error_maps("mcfv5050")) == 3
 
@@ -161,6 +163,16 @@ def test_warnings_of_the_service_are_seen(thermap, write):
     assert "beyond the axis' travel" in found.stderr
 
 
+def test_a_machine_is_stored_although_its_map_is_refused(thermap, client, write):
+    """What was not stored is said of the map alone."""
+    machine = write("m.json", '{"id": "m", "name": "M", "configuration": "XYFZ"}')
+    found = thermap("import", machine, write("wrong.csv", CSV + "EYX,0,much\n"))
+    assert (found.exit_code, found.stdout) == (1, f"{machine}: machine m stored\n")
+    assert found.stderr.startswith("thermap: no map or check was stored:\n")
+    assert client.machine("m").name == "M"
+    assert client.error_maps("m") == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "complaint"),
@@ -181,7 +193,7 @@ def test_json_that_cannot_be_right(thermap, write, content, complaint):
     file = write("wrong.json", content)
     found = thermap("import", file, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
-    said = found.stderr.removeprefix("thermap: ").removeprefix("nothing was stored:\n")
+    said = re.sub(r"^(nothing|no map or check) was stored:\n", "", found.stderr[len("thermap: ") :])
     assert said.startswith(str(file))
     assert complaint in said
 

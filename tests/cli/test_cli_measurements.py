@@ -148,7 +148,9 @@ def test_without_a_thermal_state_nothing_can_be_stored(thermap, client, write):
     found = thermap("import", "--method", "positioning", *files, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     csv, body = files
-    assert found.stderr.startswith(f"thermap: nothing was stored:\n{csv}: expected a label, got")
+    assert found.stderr.startswith(
+        f"thermap: no map or check was stored:\n{csv}: expected a label, got"
+    )
     for what, option in (
         ("a label", "--label"),
         ("every sensor's temperature in °C", "--temperature"),
@@ -162,7 +164,7 @@ def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, writ
     found = thermap("import", "--method", "positioning", right, wrong, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr.startswith(
-        f"thermap: nothing was stored:\n{wrong}, line 17, column 4 (deviation_mm): "
+        f"thermap: no map or check was stored:\n{wrong}, line 17, column 4 (deviation_mm): "
         "expected a number in mm, got 'much'\n"
     )
     assert len(client.error_maps("mcfv5050")) == 3
@@ -187,7 +189,9 @@ def test_what_a_method_refuses_in_one_file_keeps_all_from_being_stored(thermap, 
     wrong = write("wrong.csv", STATE.replace("Measured", "Few") + few)
     found = thermap("import", "--method", "step-diagonal", right, wrong, "-m", "mcfv5050")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"thermap: nothing was stored:\n{wrong}: diagonals: expected")
+    assert found.stderr.startswith(
+        f"thermap: no map or check was stored:\n{wrong}: diagonals: expected"
+    )
     assert len(client.error_maps("mcfv5050")) == 3
 
 
@@ -197,7 +201,7 @@ def test_what_is_there_otherwise_names_the_file(thermap, write):
     found = thermap("import", "--method", "positioning", taken, later, "-m", "mcfv5050")
     assert found.exit_code == 1
     assert found.stderr.startswith(
-        f"thermap: nothing was stored:\n{taken}: machine 'mcfv5050' has another error map"
+        f"thermap: no map or check was stored:\n{taken}: machine 'mcfv5050' has another error map"
     )
 
 
@@ -262,7 +266,7 @@ def test_json_that_cannot_be_right(thermap, write, content, complaint):
     found = thermap("import", "--method", "positioning", file, "-m", "mcfv5050",
                     "--evaluate-only")  # fmt: skip
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"thermap: nothing was stored:\n{file}{complaint}")
+    assert found.stderr.startswith(f"thermap: no map or check was stored:\n{file}{complaint}")
 
 
 def test_the_sources_points_of_its_a_axis_turn_about_y_and_are_refused(thermap, write):
