@@ -109,7 +109,7 @@ async def measure(
         "angular": angles,
         "mirror_angle_urad": 0,
     }
-    await thermap.measure_step_diagonal(machine, header | measurement, store=True)
+    await thermap.measure(machine, "step-diagonal", header | measurement, store=True)
 
 
 async def ask(

@@ -125,13 +125,16 @@ def write_blocking() -> dict[str, str]:
         rule = unasync.Rule("/_async/", "/_sync/", additional_replacements=names)
         unasync.unasync_files([str(copy)], [rule])
         found["_sync/client.py"] = (Path(folder) / "_sync" / "client.py").read_text("utf-8")
-    said = (
-        '"""The client: one method a route.\n\n'
-        "`scripts/write_client.py` makes the blocking client of this one.\n",
-        '"""The client that waits for each answer.\n\n'
-        "Written by `scripts/write_client.py` from the awaiting one.\n",
-    )
-    return {name: formatted(text.replace(*said), name) for name, text in found.items()}
+    said = {
+        "\n\n`scripts/write_client.py` makes the blocking client of this one.\n":
+        "\n\nWritten by `scripts/write_client.py` from the awaiting one, which does not block.\n",
+        "Coroutine[Any, Any, Answer]": "Answer",
+    }  # fmt: skip
+    for name, text in found.items():
+        for awaiting, blocking in said.items():
+            text = text.replace(awaiting, blocking)
+        found[name] = formatted(text, name)
+    return found
 
 
 def formatted(text: str, name: str) -> str:

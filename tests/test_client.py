@@ -14,6 +14,7 @@ import httpx
 import numpy as np
 import pytest
 
+from app.api.methods.registry import METHODS
 from app.cli.listening import listening, serving, url_of
 from app.main import create_app
 from app.settings import Settings
@@ -108,6 +109,10 @@ def client(request):
 
 
 both_clients = pytest.mark.parametrize("client", ["blocking", "awaiting"], indirect=True)
+
+
+def examples_of(method):
+    return method.request.model_config.get("json_schema_extra", {})
 
 
 def answering(*responses, requests=None):
@@ -445,6 +450,14 @@ async def test_an_analysis_that_is_not_done_is_no_answer(
         await client.wait_for_analysis("vmc", 3, timeout_s=0.02)
 
 
+@pytest.mark.parametrize("method", [m for m in METHODS.values() if "example" in examples_of(m)])
+async def test_a_measurement_is_answered_with_its_methods_own_shape(client, method):
+    answer = await client.measure("mcfv5050", method.name, examples_of(method)["example"])
+    assert type(answer).__name__ == method.answer.__name__
+    assert answer.method == method.name
+    assert not answer.stored
+
+
 def test_every_route_has_its_method(tmp_path):
     (tmp_path / "map.csv").write_bytes(b"")
     described = {
@@ -466,10 +479,11 @@ def test_every_route_has_its_method(tmp_path):
             "visit": 7, "name": "7", "role": "viewer", "path": tmp_path / "map.csv",
         }  # fmt: skip
         needed = inspect.signature(method).parameters
-        with suppress(UnexpectedAnswerError):
-            found = method(**{k: v for k, v in given.items() if k in needed})
-            if name.startswith("follow"):
-                next(found)  # an answer that is no stream
+        for by in METHODS if name == "measure" else [None]:
+            with suppress(UnexpectedAnswerError):
+                found = method(**{k: v for k, v in (given | {"method": by}).items() if k in needed})
+                if name.startswith("follow"):
+                    next(found)  # an answer that is no stream
     client.close()
     spoken = {
         f"{r.method} {r.url.path}".replace("MACHINE", "{}")

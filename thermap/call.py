@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
+from inspect import Parameter, Signature, signature
 from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 import httpx
@@ -74,6 +75,14 @@ class Call(Generic[Answer]):
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"])) or "body"
             raise unreadable(response, f"{where}: {first['msg']}") from error
+
+
+def of_method(call: Callable[..., Call[Any]]) -> Signature:
+    """Give the signature of a client's method that sends such a call, and gives its answer."""
+    described = signature(call)  # its annotations are text: the answer's is within `Call[]`
+    answer = str(described.return_annotation).removeprefix("Call[").removesuffix("]")
+    itself = Parameter("self", Parameter.POSITIONAL_ONLY)
+    return Signature([itself, *described.parameters.values()], return_annotation=answer)
 
 
 def reader_of(kind: type[Answer]) -> Callable[[httpx.Response], Answer]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from time import monotonic
 from typing import Any, Final, TypeAlias
 
@@ -35,87 +35,87 @@ PLANNING_S: Final = 600.0
 """A plan of many visits is computed while its request waits [s]."""
 
 
-def store_verification(machine_id: str, verification: Content) -> Call[StoredVerificationAnswer]:
-    """POST …/verifications."""
-    path = of_machine(machine_id, "verifications")
+def store_verification(machine: str, verification: Content) -> Call[StoredVerificationAnswer]:
+    """Store a `VerificationRequest`: observations to hold the model against."""
+    path = of_machine(machine, "verifications")
     return Call("POST", path, reader_of(StoredVerificationAnswer), verification)
 
 
-def verifications(machine_id: str) -> Call[list[VerificationAnswer]]:
-    """GET …/verifications."""
-    return Call("GET", of_machine(machine_id, "verifications"), reader_of(list[VerificationAnswer]))
+def verifications(machine: str) -> Call[list[VerificationAnswer]]:
+    """List verifications without their observations, oldest first."""
+    return Call("GET", of_machine(machine, "verifications"), reader_of(list[VerificationAnswer]))
 
 
-def verification(machine_id: str, number: int) -> Call[WholeVerificationAnswer]:
-    """GET …/verifications/{id}."""
-    path = of_machine(machine_id, "verifications", number)
+def verification(machine: str, verification_id: int) -> Call[WholeVerificationAnswer]:
+    """Show one verification with its observations."""
+    path = of_machine(machine, "verifications", verification_id)
     return Call("GET", path, reader_of(WholeVerificationAnswer))
 
 
-def verification_file(machine_id: str, number: int) -> Call[str]:
-    """GET …/verifications/{id}/file, as CSV."""
-    path = of_machine(machine_id, "verifications", number, "file")
+def verification_file(machine: str, verification_id: int) -> Call[str]:
+    """Write one verification as the CSV file that `import_file` reads."""
+    path = of_machine(machine, "verifications", verification_id, "file")
     return Call("GET", path, lambda response: response.text)
 
 
-def delete_verification(machine_id: str, number: int) -> Call[None]:
-    """DELETE …/verifications/{id}."""
-    return Call("DELETE", of_machine(machine_id, "verifications", number), nothing)
+def delete_verification(machine: str, verification_id: int) -> Call[None]:
+    """Delete a verification; analyses of it keep their results."""
+    return Call("DELETE", of_machine(machine, "verifications", verification_id), nothing)
 
 
-def watch(machine_id: str) -> Call[WatchAnswer]:
-    """GET …/watch."""
-    return Call("GET", of_machine(machine_id, "watch"), reader_of(WatchAnswer))
+def watch(machine: str) -> Call[WatchAnswer]:
+    """Say whether the machine still is as its model says, by a sequential test."""
+    return Call("GET", of_machine(machine, "watch"), reader_of(WatchAnswer))
 
 
 def verification_residuals(
-    machine_id: str, number: int, model_version: int | None, rows: int
+    machine: str, verification_id: int, model_version: int | None = None, rows: int = 0
 ) -> Call[ResidualsAnswer]:
-    """GET …/verifications/{id}/residuals."""
-    path = of_machine(machine_id, "verifications", number, "residuals")
+    """Subtract what a model version says from one verification, with so many single rows."""
+    path = of_machine(machine, "verifications", verification_id, "residuals")
     query = {"model_version": model_version, "rows": rows}
     return Call("GET", path, reader_of(ResidualsAnswer), query=query)
 
 
 def residuals(
-    machine_id: str, verifications: Iterable[int], model_version: int | None, rows: int
+    machine: str, verifications: Sequence[int], model_version: int | None = None, rows: int = 0
 ) -> Call[ResidualsAnswer]:
-    """POST …/residuals."""
+    """Do the same with several verifications together."""
     body = {"verifications": list(verifications), "model_version": model_version, "rows": rows}
-    return Call("POST", of_machine(machine_id, "residuals"), reader_of(ResidualsAnswer), body)
+    return Call("POST", of_machine(machine, "residuals"), reader_of(ResidualsAnswer), body)
 
 
 def residuals_page(
-    machine_id: str, verifications: Iterable[int], model_version: int | None
+    machine: str, verifications: Sequence[int], model_version: int | None = None
 ) -> Call[str]:
-    """POST …/residuals, as a page."""
+    """Read residuals as a page for a person: HTML that needs no other file."""
     body = {"verifications": list(verifications), "model_version": model_version}
-    path = of_machine(machine_id, "residuals")
+    path = of_machine(machine, "residuals")
     return Call("POST", path, lambda response: response.text, body, headers={"Accept": HTML})
 
 
 def compare_models(
-    machine_id: str, verifications: Iterable[int], versions: Iterable[int]
+    machine: str, verifications: Sequence[int], versions: Sequence[int]
 ) -> Call[ModelComparisonAnswer]:
-    """POST …/models/compare."""
+    """Show versions side by side, on the observations that all can be held against."""
     body = {"verifications": list(verifications), "versions": list(versions)}
-    path = of_machine(machine_id, "models", "compare")
+    path = of_machine(machine, "models", "compare")
     return Call("POST", path, reader_of(ModelComparisonAnswer), body)
 
 
-def analyse(machine_id: str, question: Content) -> Call[AnalysisHead]:
-    """POST …/analyses."""
-    return Call("POST", of_machine(machine_id, "analyses"), reader_of(AnalysisHead), question)
+def analyse(machine: str, question: Content) -> Call[AnalysisHead]:
+    """Ask for an analysis with an `AnalysisRequest`; look at it until it is done."""
+    return Call("POST", of_machine(machine, "analyses"), reader_of(AnalysisHead), question)
 
 
-def plan_analysis(machine_id: str, plan: Content) -> Call[PlanAnswer]:
-    """POST …/analyses/plan."""
-    path = of_machine(machine_id, "analyses", "plan")
+def plan_analysis(machine: str, plan: Content) -> Call[PlanAnswer]:
+    """Say what the observations of a `PlanRequest` could see, before anyone measures."""
+    path = of_machine(machine, "analyses", "plan")
     return Call("POST", path, reader_of(PlanAnswer), plan, patience_s=PLANNING_S)
 
 
-def fleet(effects: Iterable[str] | None, holdout_fraction: float) -> Call[FleetAnswer]:
-    """GET /v1/fleet."""
+def fleet(effects: Sequence[str] | None = None, holdout_fraction: float = 0.3) -> Call[FleetAnswer]:
+    """Say how far the analyses of all machines are, and what they say together."""
     query = {
         "effects": None if effects is None else list(effects),
         "holdout_fraction": holdout_fraction,
@@ -124,58 +124,58 @@ def fleet(effects: Iterable[str] | None, holdout_fraction: float) -> Call[FleetA
 
 
 def analyse_fleet(question: Content) -> Call[FleetAnswer]:
-    """POST /v1/fleet/analyses."""
+    """Ask for the analyses that are missing with a `FleetRequest`."""
     return Call("POST", "/v1/fleet/analyses", reader_of(FleetAnswer), question)
 
 
 def cancel_fleet(question: Content) -> Call[FleetAnswer]:
-    """POST /v1/fleet/analyses/cancel."""
+    """Cancel those that wait or run of the analyses that asked a `FleetRequest`."""
     return Call("POST", "/v1/fleet/analyses/cancel", reader_of(FleetAnswer), question)
 
 
 def try_effect(question: Content) -> Call[TriedEffectAnswer]:
-    """POST /v1/fleet/tried-effects."""
+    """Hold an effect that was found on one machine, as it stands, against another one."""
     path = "/v1/fleet/tried-effects"
     return Call("POST", path, reader_of(TriedEffectAnswer), question, patience_s=PLANNING_S)
 
 
-def analyses(machine_id: str) -> Call[list[AnalysisHead]]:
-    """GET …/analyses."""
-    return Call("GET", of_machine(machine_id, "analyses"), reader_of(list[AnalysisHead]))
+def analyses(machine: str) -> Call[list[AnalysisHead]]:
+    """List analyses without their results, oldest first."""
+    return Call("GET", of_machine(machine, "analyses"), reader_of(list[AnalysisHead]))
 
 
-def analysis(machine_id: str, number: int) -> Call[AnalysisAnswer]:
-    """GET …/analyses/{id}."""
-    return Call("GET", of_machine(machine_id, "analyses", number), reader_of(AnalysisAnswer))
+def analysis(machine: str, analysis_id: int) -> Call[AnalysisAnswer]:
+    """Show how far an analysis is and, once it is done, what it found."""
+    return Call("GET", of_machine(machine, "analyses", analysis_id), reader_of(AnalysisAnswer))
 
 
-def analysis_report(machine_id: str, number: int) -> Call[str]:
-    """GET …/analyses/{id}/report."""
-    path = of_machine(machine_id, "analyses", number, "report")
+def analysis_report(machine: str, analysis_id: int) -> Call[str]:
+    """Read an analysis as a page for a person: HTML that needs no other file."""
+    path = of_machine(machine, "analyses", analysis_id, "report")
     return Call("GET", path, lambda response: response.text)
 
 
-def visits_page(machine_id: str, number: int) -> Call[str]:
-    """GET …/analyses/{id}/visits."""
-    path = of_machine(machine_id, "analyses", number, "visits")
+def visits_page(machine: str, analysis_id: int) -> Call[str]:
+    """Read the visits that an analysis proposes as a page to print and to write on."""
+    path = of_machine(machine, "analyses", analysis_id, "visits")
     return Call("GET", path, lambda response: response.text)
 
 
-def visit_file(machine_id: str, number: int, visit: int) -> Call[str]:
-    """GET …/analyses/{id}/visits/{number}, as CSV."""
-    path = of_machine(machine_id, "analyses", number, "visits", visit)
+def visit_file(machine: str, analysis_id: int, visit: int) -> Call[str]:
+    """Write a visit that an analysis proposes, from 1, as the CSV file that planning reads."""
+    path = of_machine(machine, "analyses", analysis_id, "visits", visit)
     return Call("GET", path, lambda response: response.text)
 
 
-def cancel_analysis(machine_id: str, number: int) -> Call[AnalysisHead]:
-    """POST …/analyses/{id}/cancel."""
-    path = of_machine(machine_id, "analyses", number, "cancel")
+def cancel_analysis(machine: str, analysis_id: int) -> Call[AnalysisHead]:
+    """Cancel an analysis that waits or runs."""
+    path = of_machine(machine, "analyses", analysis_id, "cancel")
     return Call("POST", path, reader_of(AnalysisHead))
 
 
-def delete_analysis(machine_id: str, number: int) -> Call[None]:
-    """DELETE …/analyses/{id}."""
-    return Call("DELETE", of_machine(machine_id, "analyses", number), nothing)
+def delete_analysis(machine: str, analysis_id: int) -> Call[None]:
+    """Delete an analysis; a model version that was made of it stays."""
+    return Call("DELETE", of_machine(machine, "analyses", analysis_id), nothing)
 
 
 class Waiting:
@@ -219,23 +219,28 @@ class Waiting:
 
 
 def adopt_analysis(
-    machine_id: str,
-    number: int,
-    effects: Iterable[int] | None,
-    onto_active: bool,
+    machine: str,
+    analysis_id: int,
+    effects: Sequence[int] | None = None,
+    *,
+    onto_active: bool = False,
     accept_losses: bool = False,
 ) -> Call[ChangedModelAnswer]:
-    """POST …/analyses/{id}/adopt."""
-    path = of_machine(machine_id, "analyses", number, "adopt")
+    """Make the next, active model version with effects that an analysis found."""
+    path = of_machine(machine, "analyses", analysis_id, "adopt")
     body = _adoption(effects, onto_active)
     return Call("POST", path, reader_of(ChangedModelAnswer), body, query=accepting(accept_losses))
 
 
 def preview_adoption(
-    machine_id: str, number: int, effects: Iterable[int] | None, onto_active: bool
+    machine: str,
+    analysis_id: int,
+    effects: Sequence[int] | None = None,
+    *,
+    onto_active: bool = False,
 ) -> Call[PreviewAnswer]:
-    """POST …/analyses/{id}/adopt?preview=true."""
-    path = of_machine(machine_id, "analyses", number, "adopt")
+    """Say what adopting effects would do to the tables; nothing changes."""
+    path = of_machine(machine, "analyses", analysis_id, "adopt")
     body = _adoption(effects, onto_active)
     return Call("POST", path, reader_of(PreviewAnswer), body, query=PREVIEW)
 

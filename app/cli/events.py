@@ -55,8 +55,8 @@ def events(
     first = None if since is None else read_time(since, "--from")
     last = None if until is None else read_time(until, "--to")
     with connect(url) as thermap:
-        query = (first, last, kind or (), None, limit)
-        call = calls.all_events(*query) if machine is None else calls.events(machine, *query)
+        ask = calls.all_events if machine is None else partial(calls.events, machine)
+        call = ask(since=first, until=last, kinds=kind or (), limit=limit)
         show(thermap, call, partial(_view, of_all=machine is None), json=json)
 
 

@@ -387,8 +387,8 @@ def test_written_and_read_it_is_what_the_service_said(thermap, client, tmp_path)
         np.testing.assert_allclose(read.body["diagonals"][diagonal], rows, rtol=0, atol=5.1e-7)
     sent = {name: getattr(said, name) for name in ("origin_mm", "step_mm", "tool_offset_mm",
                                                    "target", "diagonals")}  # fmt: skip
-    theirs = client.measure_step_diagonal("mcfv5050", sent)
-    ours = client.measure_step_diagonal("mcfv5050", read.body)
+    theirs = client.measure("mcfv5050", "step-diagonal", sent)
+    ours = client.measure("mcfv5050", "step-diagonal", read.body)
     assert ours.figures.keys() == theirs.figures.keys()
     for one, other in zip(ours.components, theirs.components, strict=True):
         for field in ("errors_um", "standard_errors_um", "value_um_per_m"):
