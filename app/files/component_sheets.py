@@ -6,6 +6,7 @@ which temperatures (`Bed front; 18,1; °C`). Its sheets make one map, or one che
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -38,6 +39,8 @@ _NAMES: Final = {
     **dict.fromkeys(("instrument", "messgerät"), "instrument"),
 }
 """What a protocol calls what every table may state."""
+
+_LOCAL_DATE: Final = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{2,4}\b", re.ASCII)
 
 MOST_NAMED: Final = 8
 
@@ -147,6 +150,9 @@ def _comment(line: int, name: str, value: Sequence[str]) -> Comment:
 
 
 def _is_moment(text: str) -> bool:
+    """Say whether a text is a time; in a form of its country it is asked for, and said."""
+    if _LOCAL_DATE.match(text):
+        return True
     try:
         datetime.fromisoformat(text)
     except ValueError:

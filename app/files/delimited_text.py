@@ -33,8 +33,12 @@ LONGEST_LINE: Final = 20_000
 MOST_COMMENTS: Final = 1_000
 """Comment lines of a file."""
 
-_DELIMITERS: Final = (",", ";", "\t")
-_QUOTED: Final = re.compile('"[^"]*"')
+_DELIMITERS: Final = (";", "\t", ",")
+"""The likeliest first: texts and numbers have commas too."""
+
+_NO_DELIMITER: Final = re.compile('"[^"]*"|(?<=[,;])\t')
+"""What is quoted, and a tab that only sets off a cell."""
+
 _STATED_DELIMITER: Final = re.compile(r'"?sep=([^\w\s"]|\t)"?[\s;,]*', re.I)
 """Excel's first line, which says what parts the columns."""
 
@@ -306,7 +310,7 @@ def parse_delimited(
         problems.add(f"expected at most {MOST_COMMENTS} comment lines, got {len(comments)}")
         problems.raise_if_any()
     heading_line, first = contents[0]
-    delimiter = delimiter_named or max(_DELIMITERS, key=_QUOTED.sub("", first).count)
+    delimiter = delimiter_named or _delimiter_of(written for _, written in contents)
     headings = _split(first, delimiter)
     while headings and not headings[-1]:
         headings.pop()
@@ -410,6 +414,18 @@ def _expect_few_cells(columns: int, lines: int, heading_line: int, problems: Pro
 def left_out(headings: Iterable[str]) -> str:
     """Say which columns are not read."""
     return f"columns that are not read: {list_names(headings)}"
+
+
+def _delimiter_of(lines: Iterable[str]) -> str:
+    r"""Give what parts the columns: what most lines have.
+
+    >>> _delimiter_of(["Title;Cold, in the morning", "Position;EXX", "0;1,2"])
+    ';'
+    >>> _delimiter_of(["Position, mm\tEXX, µm", "0\t1,2"]), _delimiter_of(["0,\t1.2"])
+    ('\t', ',')
+    """
+    bare = [_NO_DELIMITER.sub("", line) for line in lines]
+    return max(_DELIMITERS, key=lambda delimiter: sum(delimiter in line for line in bare))
 
 
 def _split(text: str, delimiter: str) -> list[str]:

@@ -212,7 +212,8 @@ class _Reading:
         elif text in self._whole:
             yield Said(0, 0, 1, self._in_language(self._whole[text], {}))
         else:
-            for way in (*self._patterns_of(text), self._by_lists, self._otherwise_written):
+            ways = (*self._patterns_of(text), self._by_lists, self._otherwise_written)
+            for way in (self._behind_codes, *ways):
                 if (read := min(way(text), default=None)) is not None:
                     yield read
                     return
@@ -259,6 +260,18 @@ class _Reading:
         if _SEVERAL.search(text) or (" " in text and text in self._whole):
             return self.sentences(text)
         return Said(sum(map(str.isalnum, text)), 0, 0, text)
+
+    def _behind_codes(self, text: str) -> Iterator[Said]:
+        """Read what is said of components or fields, before it is looked for in patterns."""
+        codes, colon, words = text.partition(": ")
+        if colon and is_without_language(codes) and (read := self.sentences(words)) is not None:
+            count = sum(map(len, _CODE.findall(codes)))
+            yield Said(
+                count + read.unread,
+                count + read.outside,
+                read.pieces + 1,
+                f"{marked_figures(codes)}{colon}{read.text}",
+            )
 
     def _by_lists(self, text: str) -> Iterator[Said]:
         """Read what is strung together."""

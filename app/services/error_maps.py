@@ -243,7 +243,7 @@ def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[st
         travel = machine.axes.get(table.component.axis or "")
         if first == last:
             alone.append(code)
-        elif travel is not None and (first < travel.min_mm or last > travel.max_mm):
+        elif travel is not None and not travel.holds(first, last):
             remarks.append(
                 f"{code} has positions from {first:g} to {last:g} mm, beyond the axis' travel of "
                 f"{travel.min_mm:g} to {travel.max_mm:g} mm"

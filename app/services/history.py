@@ -259,7 +259,7 @@ def _check_place(machine: Machine, place: Place | None) -> None:
             "position_mm", f"expected a position along {component.axis} [mm], got none"
         )
     travel = machine.axes.get(component.axis)
-    if travel is not None and not travel.min_mm <= place.position_mm <= travel.max_mm:
+    if travel is not None and not travel.holds(place.position_mm):
         raise InvalidContent.of_field(
             "position_mm",
             f"expected a position within the travel of {component.axis} from {travel.min_mm:g} to "

@@ -183,7 +183,7 @@ def _check_positions(machine: Machine, observations: Sequence[ErrorQuestion]) ->
             continue
         for axis, position in coordinates.items():
             travel = machine.axes.get(axis)
-            if travel and not travel.min_mm <= position <= travel.max_mm:
+            if travel and not travel.holds(position):
                 raise InvalidContent.of_field(
                     f"observations.{i}",
                     f"expected {axis} within the axis' travel of {travel.min_mm:g} to "

@@ -283,7 +283,7 @@ def _check_place(machine: Machine, o: Observation, field: str) -> None:
     field = f"{field}.{'position_mm' if o.point_mm is None else 'point_mm'}"
     for axis, place in places.items():
         travel = machine.axes.get(axis)
-        if travel and not travel.min_mm <= place <= travel.max_mm:
+        if travel and not travel.holds(place):
             raise InvalidContent.of_field(
                 field,
                 f"expected {axis} within the axis' travel of {travel.min_mm:.12g} to "

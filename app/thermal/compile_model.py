@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -24,6 +24,7 @@ from app.thermal.group import Group, Member, Scale, common_range_of_rows, from_t
 from app.thermal.machine import Machine, SameTemperature, Sensor
 from app.thermal.one_measuring_line import on_one_line
 from app.thermal.resampling import (
+    at_same_positions,
     common_range,
     sample_table,
     sample_variances,
@@ -156,10 +157,11 @@ def _thermal_states(
                 f"resolution of {sensor.resolution_c:g} °C (or the machine's "
                 "same_temperature set to 'mean')"
             )
-    return [_state(code, cluster) for cluster in clusters]
+    tables = iter(at_same_positions([m.tables[code] for cluster in clusters for m in cluster]))
+    return [_state(cluster, tuple(islice(tables, len(cluster)))) for cluster in clusters]
 
 
-def _state(code: str, cluster: Sequence[ErrorMap]) -> _State:
+def _state(cluster: Sequence[ErrorMap], tables: tuple[ComponentTable, ...]) -> _State:
     shared = set.intersection(*(set(m.temperatures_c) for m in cluster))
     return _State(
         label=" + ".join(m.label for m in cluster),
@@ -169,7 +171,7 @@ def _state(code: str, cluster: Sequence[ErrorMap]) -> _State:
         }
         if len(cluster) > 1
         else cluster[0].temperatures_c,
-        tables=tuple(m.tables[code] for m in cluster),
+        tables=tables,
     )
 
 

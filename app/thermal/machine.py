@@ -19,6 +19,9 @@ DEFAULT_STAND_INS = {"x-middle": "y-front"}
 ROUNDING_C = 1e-9
 """Tolerance on a difference of temperatures that equals the resolution [°C]."""
 
+ROUNDING_MM = 1e-3
+"""Positions so far apart may be the same one [mm]: in inches with few digits."""
+
 FAR_BEYOND = 100.0
 """So many times further than an axis goes, a position is one in another unit."""
 
@@ -50,6 +53,15 @@ class Travel:
 
     min_mm: float
     max_mm: float
+
+    def holds(self, *positions_mm: float) -> bool:
+        """Say whether positions are on the axis, but for the rounding with which they are written.
+
+        >>> Travel(0.0, 600.0).holds(0.0, 23.62205 * 25.4), Travel(0.0, 600.0).holds(600.1)
+        (True, False)
+        """
+        least, most = min(positions_mm), max(positions_mm)
+        return self.min_mm - ROUNDING_MM <= least and most <= self.max_mm + ROUNDING_MM
 
     def unit_meant(self, positions_mm: Collection[float]) -> str | None:
         """Say in which unit positions of this axis must have been meant; None: in mm.

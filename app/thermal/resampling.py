@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
 
-from app.arrays import FloatArray, IntArray
+from app.arrays import FloatArray, IntArray, frozen
 from app.errors import Conflict
 from app.thermal.error_map import ComponentTable
+from app.thermal.machine import ROUNDING_MM
 from app.thermal.uncertainty import variances_of
 
 
@@ -52,6 +54,47 @@ def common_positions(tables: Sequence[ComponentTable]) -> FloatArray:
 def united_positions(tables: Sequence[ComponentTable]) -> FloatArray:
     """Unite all positions [mm] of one component's tables, at least one; shape (n,)."""
     return reduce(np.union1d, [table.positions_mm for table in tables])
+
+
+def at_same_positions(tables: Sequence[ComponentTable]) -> Sequence[ComponentTable]:
+    """Write positions of several tables as one where only their rounding sets them apart.
+
+    A map in inches ends at 600.00007 mm where one in mm ends at 600 mm: neither ends earlier.
+    Tables that are themselves so fine stay as they are.
+
+    Examples
+    --------
+    >>> from app.geometry.components import COMPONENTS
+    >>> ends = (600.0, 23.62205 * 25.4)
+    >>> tables = [ComponentTable.make(COMPONENTS["EXX"], [0.0, 1.0], [0.0, end]) for end in ends]
+    >>> [table.positions_mm.tolist() for table in at_same_positions(tables)]
+    [[0.0, 600.0], [0.0, 600.0]]
+    """
+    positions = united_positions(tables)
+    if not _is_fine(positions) or any(_is_fine(table.positions_mm) for table in tables):
+        return tables
+    alike: list[list[float]] = []
+    for position in positions.tolist():
+        if alike and position - alike[-1][0] <= ROUNDING_MM:
+            alike[-1].append(position)
+        else:
+            alike.append([position])
+    firsts = np.array([several[0] for several in alike])
+    # Of these the one that was written with the fewest digits.
+    written = np.array([min(several, key=lambda mm: len(repr(mm))) for several in alike])
+    return [
+        replace(
+            table,
+            positions_mm=frozen(
+                written[np.searchsorted(firsts, table.positions_mm, side="right") - 1]
+            ),
+        )
+        for table in tables
+    ]
+
+
+def _is_fine(positions_mm: FloatArray) -> bool:
+    return bool((np.diff(positions_mm) <= ROUNDING_MM).any())
 
 
 def common_range(tables: Sequence[ComponentTable]) -> tuple[float, float]:

@@ -45,6 +45,7 @@ async def test_each_step_says_what_it_needs_and_the_last_that_the_table_lives(em
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text
     assert "Next: Machine" in page
     assert "The machine has no sensors yet." in page
+    assert "Name of sensor 1" in page
     await empty.delete(ROOM)
     await own_machine(empty)
     page = (await shown(empty, f"/machines/{MACHINE['id']}/setup")).text

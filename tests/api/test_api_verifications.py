@@ -191,6 +191,15 @@ async def test_what_was_stored_is_shown_as_it_came(client):
     assert listed == [{name: said for name, said in made.items() if name != "warnings"}]
 
 
+async def test_the_end_of_an_axis_in_inches_is_on_the_axis(client):
+    """500 mm are 19.68504 in, which is 500.000016 mm."""
+    end = observation(position_mm=19.68504 * 25.4)
+    assert (await client.post(PATH, json=verification(end))).status_code == 201
+    beyond = observation(position_mm=500.01)
+    answer = await client.post(PATH, json=verification(beyond, label="beyond"))
+    assert "got 500.01 mm" in problem(answer, 422)["detail"]
+
+
 async def test_setups_are_kept_and_are_part_of_the_content(client):
     stated = verification(
         observation(setup="first clamping"), observation(), POINT | {"setup": "second, Straße 7"}

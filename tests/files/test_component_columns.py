@@ -155,6 +155,25 @@ def test_a_sheet_for_each_axis_a_protocol_and_squareness_are_one_map(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("title", ["Cold, in the morning", "Kalt, am Morgen, Halle 3, Bett"])
+def test_commas_in_a_title_part_no_columns(tmp_path, title):
+    rows = [[title], ["Titel", title], *X]
+    for way in ("semicolons", "tabs"):
+        found = read(tmp_path, rows, way, Header(None, STATED.measured_at, STATED.temperatures_c))
+        assert found.error_map.label == title
+        assert set(numbers(found)) == {"EXX", "EBX"}
+
+
+def test_a_date_that_is_no_iso_date_is_said_and_asked_for(tmp_path):
+    file = workbook(tmp_path / "p.xlsx", [["Datum", "02.11.2026 06:10"], *X])
+    with pytest.raises(UnreadableFile) as caught:
+        read_error_map(file, Header(STATED.label, None, STATED.temperatures_c))
+    (lack,) = caught.value.lacks
+    assert lack.field == "measured_at"
+    assert "got '02.11.2026 06:10'" in lack.message
+    assert read_error_map(file, STATED).error_map.measured_at.isoformat().startswith("2026-03-01")
+
+
 def test_a_number_of_three_decimals_is_none_in_thousands(tmp_path):
     """Beside cells of text with decimal commas."""
     rows = [["X [mm]", "EXX [µm]", "EYX [µm]"], [0, "0,5", 1.284], [9.0, "1,25", 1.5]]

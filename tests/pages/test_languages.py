@@ -110,6 +110,12 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
         ),
         ("map Run 6 is at 26.3 ± 0.2 °C", None),
         (
+            "EXX, EYX: given from 0 to 508 mm only at this temperature, because map 'Hot, 2' "
+            "covers 0 to 508 mm; the maps together reach from 0 to 1016 mm",
+            "EXX, EYX: bei dieser Temperatur nur von 0,00 bis 20,00 in gegeben, weil Karte "
+            "'Hot, 2' umfasst 0,00 bis 20,00 in; die Karten zusammen reichen von 0,00 bis 40,00 in",
+        ),
+        (
             "EXX, EYX and 1 more follow Bed front rather than Column (share 1.02 ± 0.03)",
             "EXX, EYX und 1 weitere folgen Bed front statt Column (Anteil 1,02 ± 0,03)",
         ),

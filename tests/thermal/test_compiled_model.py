@@ -292,6 +292,28 @@ def test_maps_with_different_positions_meet_on_the_union_inside_the_common_range
     assert state.values[member.forward].tolist() == [12.5, 15.0, 17.5, 40.0]
 
 
+def test_a_map_in_inches_ends_where_one_in_mm_ends():
+    """600 mm are 23.62205 in, which is 600.00007 mm; 100 mm are 3.93701 in, or 100.00005 mm."""
+    inches = [place * 25.4 for place in (0.0, 3.93701, 23.62205)]
+    maps = [
+        error_map("mm", 20.0, table("EXX", [0.0, 2.0, 12.0], [0, 100, 600])),
+        error_map("inches", 30.0, table("EXX", [0.0, 4.0, 24.0], inches)),
+    ]
+    state, member = state_of(compiled(maps), "EXX", 25.0)
+    assert member.positions_mm.tolist() == [0.0, 100.0, 600.0]
+    assert state.values[member.forward].tolist() == [0.0, 3.0, 18.0]
+    assert state.maps.shortened == {}
+
+
+def test_positions_that_are_themselves_so_fine_stay_apart():
+    maps = [
+        error_map("Run #1", 20.0, table("EXX", [0.0, 1.0], [0, 0.0004])),
+        error_map("Run #2", 30.0, table("EXX", [0.0, 1.0, 2.0], [0, 0.0002, 0.0004])),
+    ]
+    _, member = state_of(compiled(maps), "EXX", 25.0)
+    assert member.positions_mm.tolist() == [0.0, 0.0002, 0.0004]
+
+
 def test_on_any_grids_it_is_both_maps_own_lines_weighted():
     """Two piecewise linear tables weighted are linear between the union's points.
 

@@ -39,7 +39,10 @@ export async function saidAnew(texts) {
 export async function problemOf(answer) {
   const { detail, errors = [] } = await answer.json().catch(() => ({}));
   const [why, ...messages] = await saidAnew([detail ?? "", ...errors.map((one) => one.message)]);
-  const words = detail ? why : t("The service answered %(status)s.", { status: answer.status });
+  const strung = (texts) => errors.map((one, i) => `${one.field}: ${texts[i]}`).join("; ");
+  // What only strings the fields together is said with their words, however the fields are named.
+  const isStrung = errors.length > 0 && detail === strung(errors.map((one) => one.message));
+  const words = isStrung ? strung(messages) : detail ? why : t("The service answered %(status)s.", { status: answer.status });
   return { detail: words, errors: errors.map((one, i) => ({ ...one, message: messages[i] })) };
 }
 
@@ -70,6 +73,14 @@ export async function send(method, path, content, accept = "application/json") {
   }
   const problem = await problemOf(answer);
   throw new Refusal(problem.detail, problem.errors, answer.status);
+}
+
+// The same, where the answer is a version or its preview: what the service says of it is said anew.
+export async function sendVersion(method, path, content) {
+  const found = await send(method, path, content);
+  const [why, next, ...losses] = await saidAnew([found.not_compared ?? "", found.next_step ?? "", ...found.loses.map((one) => one.text)]);
+  const loses = found.loses.map((one, i) => ({ ...one, text: losses[i] }));
+  return { ...found, not_compared: why || null, next_step: next || null, loses };
 }
 
 function element(tag, text, kind) {

@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, momentOf, refused, send, t, told, typedOf, valueOf } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, momentOf, refused, send, sendVersion, t, told, typedOf, valueOf } from "./ask.js";
 
 // Not awaited here: what is pressed before it has come is answered all the same.
 const uploading = document.getElementById("drop") ? import("./upload.js") : null;
@@ -147,7 +147,7 @@ function adoption() {
   return asked;
 }
 
-const preview = () => send("POST", `${analysis}/adopt?preview=true`, adoption());
+const preview = () => sendVersion("POST", `${analysis}/adopt?preview=true`, adoption());
 
 async function price() {
   if (adopt.dataset.onto !== undefined) return;
@@ -173,7 +173,7 @@ if (adopt) {
       const back = t("v%(version)s stays as it is: going back to it undoes this.", { version: found.active_version });
       const lines = [...lossLines(found), found.activated ? back : `${t("It would be stored and wait.")} ${back}`];
       askOnce(said, changeWords(found), lines, verb, async () => {
-        const made = await send("POST", `${analysis}/adopt`, adoption());
+        const made = await sendVersion("POST", `${analysis}/adopt`, adoption());
         if (made.activated === false) waits(made);
         else shown(number);
       });
@@ -195,7 +195,7 @@ function activating(id, verb) {
     const version = by(id).dataset.version;
     const path = `${api}/models/${version}/activate`;
     try {
-      const found = await send("POST", `${path}?preview=true`);
+      const found = await sendVersion("POST", `${path}?preview=true`);
       const back = t("v%(version)s stays stored: activating it undoes this.", { version: found.active_version });
       askOnce(said, changeWords(found), [...lossLines(found), back], verb(version), async () => {
         await send("POST", path);
@@ -215,10 +215,10 @@ for (const button of document.querySelectorAll("[data-assign]")) {
   const asked = { [button.dataset.assign]: button.dataset.sensor };
   button.addEventListener("click", async () => {
     try {
-      const found = await send("PUT", `${api}/sensor-assignment?preview=true`, asked);
+      const found = await sendVersion("PUT", `${api}/sensor-assignment?preview=true`, asked);
       const back = t("v%(version)s stays stored: activating it undoes this.", { version: found.active_version });
       askOnce(place, changeWords(found), [...lossLines(found), back], button.textContent, async () => {
-        const made = await send("PUT", `${api}/sensor-assignment`, asked);
+        const made = await sendVersion("PUT", `${api}/sensor-assignment`, asked);
         told(place, made.next_step ?? t("Done. Store the next check to see what it is worth."));
       });
     } catch (error) {

@@ -1,5 +1,5 @@
 // Which sensor each component follows: chosen, shown with what it would change, and then assigned.
-import { askOnce, changeWords, counted, lossLines, refused, send, t } from "./ask.js";
+import { askOnce, changeWords, counted, lossLines, refused, send, sendVersion, t } from "./ask.js";
 import "./upload.js";
 
 const room = document.getElementById("sensors-of-components");
@@ -24,7 +24,7 @@ async function show() {
   const wanted = chosen();
   assign.disabled = true;
   try {
-    const preview = await send("PUT", `${api}?preview=true`, wanted);
+    const preview = await sendVersion("PUT", `${api}?preview=true`, wanted);
     const count = Object.keys(wanted).length;
     askOnce(
       said,

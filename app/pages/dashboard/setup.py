@@ -23,8 +23,8 @@ from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 CONFIGURATIONS: Final = ("XYFZ", "FXYZ", "XFYZ", "YFXZ", "XFZY", "ZFXY", "FYXZ", "FZX")
 """Offered where one is typed; a lathe with two axes stands last."""
 
-FIRST_ROWS: Final = 4
-"""Rows for sensors of a new machine."""
+FIRST_ROWS: Final = [{"name": "", "stand_in": ""}] * 4
+"""Rows for sensors of a machine without any; a further row is a copy of the last."""
 
 USUAL_CONFIGURATION: Final = "XYFZ"
 
@@ -60,7 +60,7 @@ def new_machine_page(now: datetime) -> str:
             "serial_number": "",
             "configuration": USUAL_CONFIGURATION,
             "travels": {},
-            "sensors": [{"name": "", "stand_in": ""}] * FIRST_ROWS,
+            "sensors": FIRST_ROWS,
         },
         links=links_of(Chain.parse(USUAL_CONFIGURATION)),
         configurations=CONFIGURATIONS,
@@ -120,7 +120,8 @@ def _form(machine: Machine) -> dict[str, Any]:
         "sensors": [
             {"name": sensor.name, "stand_in": sensor.stand_in or ""}
             for sensor in machine.sensors.values()
-        ],
+        ]
+        or FIRST_ROWS,
     }
 
 
