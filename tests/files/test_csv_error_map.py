@@ -316,11 +316,6 @@ def test_a_time_without_its_zone(complaints, time):
                               f"got {time!r}")  # fmt: skip
 
 
-def test_a_temperature_that_is_none(complaints):
-    (complaint,) = complaints(HEAD + "# temperature spindle: warm\n" + ROWS)
-    assert complaint == "run.csv, line 4: expected the temperature of spindle in °C, got 'warm'"
-
-
 @pytest.mark.parametrize(
     ("again", "what", "got"),
     [
@@ -350,13 +345,6 @@ def test_what_is_stated_otherwise_is_not_taken_from_the_last_line(complaints, ag
 )
 def test_files_without_what_they_need(complaints, text, complaint):
     assert complaints(text)[0].startswith(complaint)
-
-
-def test_a_position_that_no_number_holds_is_told_with_its_place(complaints):
-    (complaint,) = complaints(f"{HEAD}{ROWS}EXX,1e999,0.5\n")
-    assert complaint == (
-        "run.csv, line 7, column 2 (position_mm): expected a number in mm, got '1e999'"
-    )
 
 
 def test_what_can_be_no_error_is_refused(complaints):

@@ -12,7 +12,6 @@ import pytest
 
 from app.api.methods.registry import METHODS
 from app.files.csv_columns import ANGLE, LENGTH, POSITION, SMALL_ANGLE
-from app.files.csv_comments import Header
 from app.files.delimited_text import UnreadableFile
 from app.geometry.chain import Chain
 from app.geometry.work_volume import WorkVolume
@@ -163,14 +162,6 @@ def test_the_thermal_state_is_in_the_body():
     assert found.machine == "mcfv5050"
 
 
-def test_the_command_line_goes_before_the_file():
-    table, _ = EXAMPLES["machined-part"]
-    header = Header("Run #2", None, {"x-middle": 21.5, "spindle": 23.0})
-    found = read_measurement("machined-part", STATE + table, header=header)
-    assert (found["label"], found["measured_at"]) == ("Run #2", "2026-03-01T06:00:00Z")
-    assert found["temperatures_c"] == {"x-middle": 21.5, "spindle": 23.0}
-
-
 def test_a_state_is_needed_only_where_it_is_to_be_stored():
     table, body = EXAMPLES["machined-part"]
     assert read_measurement("machined-part", table) == body
@@ -250,7 +241,6 @@ def test_the_tables_of_units_agree_with_each_other():
         ("six-dof", "position_mm,linear [furlong]",
          "column 2 (linear [furlong]): expected the unit of linear in the name, such as linear_um "
          "(um, micron, nm, mm, m, in, inch, mil, thou, uin), got the unit 'furlong'"),
-        ("six-dof", "position_mm,linear [µm/m]", "got the unit 'um_per_m'"),
         ("six-dof", "position_mm,linear", "column 2 (linear): expected the unit of linear in the "
          "name, such as linear_um (um, micron, nm, mm, m, in, inch, mil, thou, uin), got no unit"),
         ("six-dof", "position,linear_um", "column 1 (position): expected the unit of position in "
@@ -259,8 +249,6 @@ def test_the_tables_of_units_agree_with_each_other():
          "expected linear in one column, got linear_um and linear_mm"),
         ("six-dof", "position_mm,by", "expected columns of the axis x among linear_um, "
          "straightness_y_um, straightness_z_um, angular_a_urad"),
-        ("six-dof", "linear_um,by", "expected the columns position_mm (and may be linear_um"),
-        ("machined-part", "position_mm,measured_ell", "got the unit 'ell'"),
         ("rotary-axis", "angle_deg,x_mm,y_mm", "expected the columns angle_deg, x_mm, y_mm, z_mm, "
          "without z_mm got angle_deg, x_mm, y_mm"),
         ("rotary-axis", "angle_mm,x_mm,y_mm,z_mm", "column 1 (angle_mm): expected the unit of "
@@ -269,10 +257,7 @@ def test_the_tables_of_units_agree_with_each_other():
          "measured_y in the name, such as measured_y_mm (mm, um, m, in, inch), got no unit"),
         ("positioning", "target_mm,run", "expected the columns target_mm, error_um (and may be "
          "run, direction), without error_um got target_mm, run"),
-        ("positioning", "target_mm,forward_1_furlong", "expected the unit of forward_1 in"),
-        ("positioning", "target_mm,forward_kg", "got the unit 'kg'"),
         ("step-diagonal", "diagonal,after_x_um,after_y_um", "without after_z_um got"),
-        ("body-diagonal", "position_mm,forward_um", "without diagonal got position_mm"),
     ],
 )  # fmt: skip
 def test_columns_that_are_wrong(method, headings, complaint):
@@ -297,29 +282,17 @@ def test_columns_that_are_wrong(method, headings, complaint):
         ("step-diagonal", "qqq,3,1,1,2",
          "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, got 'qqq'"),
         ("step-diagonal", "ppp,4,1,1,2", "column 2 (step): expected step 3 of ppp next, got 4"),
-        ("step-diagonal", "ppp,2,1,1,2", "column 2 (step): expected step 3 of ppp next, got 2"),
-        ("body-diagonal", "ppp;140;1;x",
-         "column 4 (backward [µm]): expected a number in µm, got 'x'"),
         ("body-diagonal", "ppp;140;1;",
          "column 4 (backward [µm]): expected backward of run 1 at 140 mm, got none"),
-        ("body-diagonal", "nnn;140;1;1",
-         "column 1 (diagonal): expected a diagonal among ppp, npp, pnp, ppn, got 'nnn'"),
         ("positioning", "100,2,+,0.1", ": expected forward of run 2 at 100 mm once, came again"),
         ("positioning", "100,2,sideways,0.1",
          "column 3 (direction): expected forward or backward (+ or -), got 'sideways'"),
         ("positioning", ",2,+,0.1", "column 1 (target_mm): expected target in mm, got none"),
         ("positioning", "100,,+,0.1", "column 2 (run): expected run, got none"),
-        ("positioning", "100,x,+,0.1", "column 2 (run): expected a number in counts, got 'x'"),
         ("six-dof", "750,1,2,3,4,5,", "column 7 (angular_c_urad): expected angular_c of run 1 at "
          "750 mm, got none"),
-        ("six-dof", "750,1,2,3,4,5,nan", "column 7 (angular_c_urad): expected a number in µrad, "
-         "got 'nan'"),
-        ("machined-part", "90,", "column 2 (measured_mm): expected measured in mm, got none"),
-        ("rotary-axis", "-270,1,2,", "column 4 (z_mm): expected z in mm, got none"),
         ("rotary-axis", "-270,1,2,3,4", ": expected 4 columns as in line 2, got 5; decimal commas "
          "need semicolons between the columns"),
-        ("drilled-plate", "1,2,3,4e",
-         "column 4 (measured_y_mm): expected a number in mm, got '4e'"),
     ],
 )  # fmt: skip
 def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
@@ -334,9 +307,7 @@ def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
     ("method", "comment", "complaint"),
     [
         ("positioning", "# axis: w", "line 1: expected axis among x, y, z, got 'w'"),
-        ("rotary-axis", "# axis: D", "line 1: expected axis among C, A, B, got 'D'"),
         ("positioning", "", "expected axis, got none: write `# axis: x`"),
-        ("machined-part", "", "expected component, got none: write `# component: EXY`"),
         ("machined-part", "# component: EXW", "line 1: expected an error component such as EXX"),
         ("machined-part", "# component: EXY\n# line: curved",
          "line 2: expected line among least-squares, end-points, got 'curved'"),
@@ -345,7 +316,6 @@ def test_a_wrong_row_is_named_by_line_and_column_once(method, row, complaint):
          "such as `# origin_mm: 0, 0, 0`, got '0, 0'"),
         ("step-diagonal", "# origin: 0, 0, 0\n# step_mm: 1 1 1", "line 1: expected the unit of "
          "origin in the name, such as origin_mm (mm, um, m, in, inch), got no unit"),
-        ("step-diagonal", "# origin [ell]: 0, 0, 0\n# step_mm: 1 1 1", "got the unit 'ell'"),
         ("step-diagonal", "# origin_mm: 0 0 0\n# origin_mm: 0 0 0\n# step_mm: 1 1 1",
          "line 2: expected origin_mm once, came again"),
         ("positioning", "# axis: x\n# repeatability_um: small",
@@ -439,13 +409,6 @@ def test_steps_in_any_order_and_diagonals_of_unequal_length():
     ]
     three = read_measurement("step-diagonal", "\n".join(head + rows[:-2]))
     assert list(three["diagonals"]) == ["ppp", "npp", "pnp"]
-
-
-def test_all_that_is_wrong_is_said_at_once_up_to_a_limit():
-    rows = "".join(f"{i},x\n" for i in range(20))
-    found = complaints("machined-part", f"# component: EXY\nposition_mm,measured_um\n{rows}")
-    assert len(found) == 9
-    assert found[-1] == "run.csv: … and 12 more"
 
 
 @pytest.mark.parametrize("method", METHODS)

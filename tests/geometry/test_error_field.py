@@ -21,10 +21,8 @@ from tests.geometry.example_fields import (
     RIGID,
     TOOL,
     codes_of,
-    exact_position,
     random_field,
     values_at,
-    values_at_one,
 )
 
 CHAINS = ["".join(p) for p in permutations("XYZF")]
@@ -44,32 +42,6 @@ def test_it_is_the_rule_with_one_np_interp_for_each_component(chain, lines):
     expected = volumetric_error(field.chain, values_at(field, points), points, TOOL, lines)
     for found, wanted in zip(field.at(points, TOOL), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-11, atol=1e-11)
-
-
-@pytest.mark.parametrize("chain", CHAINS)
-def test_it_is_the_first_order_of_the_product_of_homogeneous_transformations(chain):
-    """Errors of 10 µm and 10 µrad at a metre leave 1e-4 µm of second order; wrong terms, µm."""
-    field = random_field(chain, RIGID)
-    points = random_points(20)
-    found, _ = field.at(points, TOOL)
-    for point, first_order in zip(points, found, strict=True):
-        exact = exact_position(chain, values_at_one(field, point), point, TOOL)
-        exact_um = (exact - point - TOOL) * 1000.0
-        np.testing.assert_allclose(first_order, exact_um, atol=2e-3)
-        assert np.abs(exact_um).max() > 0.1
-
-
-def test_what_is_left_to_the_exact_product_grows_with_the_square_of_the_errors():
-    left = []
-    for size in (100.0, 200.0):
-        field = random_field("XYFZ", RIGID)
-        tables = {c: Table(p, size * v[0]) for c, (p, v) in field.tables.items()}
-        large = ErrorField.make(field.chain, tables)
-        point = np.array([307.0, 211.0, 401.0])
-        exact = exact_position("XYFZ", values_at_one(large, point), point, TOOL)
-        exact_um = (exact - point - TOOL) * 1000.0
-        left.append(np.linalg.norm(large.at(point, TOOL)[0][0] - exact_um))
-    assert left[1] / left[0] == pytest.approx(4.0, rel=0.05)
 
 
 def test_at_a_tables_own_positions_it_is_the_table_to_the_last_bit():

@@ -73,12 +73,6 @@ def test_machine_8_has_them_only_without_line_iii_of_x():
     assert with_it.elsv_um == pytest.approx(60.15, abs=0.01)
 
 
-def test_the_chapters_range_of_m1():
-    """ "The M1 varies from 1.4 to 2.8"."""
-    ratios = [line_accuracy(*machine(n)[:2]).ratio for n in range(1, 11)]
-    assert 1.4 < min(ratios) < max(ratios) < 2.805
-
-
 # Table 8.2 [µm/m; the table's heading says µm/mm] and the strokes of Table 8.1 [mm].
 SQUARENESS = {
     "EXY": ([-1, 15, -18, -8, 5, 3, 15, -8, 56, 11], "y"),
@@ -105,50 +99,6 @@ def test_the_tables_straightness_contains_squareness():
     assert np.corrcoef(slopes, straightness)[0, 1] == pytest.approx(0.83, abs=0.005)
     nine = np.arange(30) % 10 != 9
     assert np.corrcoef(np.array(slopes)[nine], np.array(straightness)[nine])[0, 1] > 0.9
-
-
-def squareness_and_straightness_um():
-    """|B| times the travel, read as µm/m, and the straightness it is part of: shapes (3, 10)."""
-    by_squareness = [
-        [abs(b) * stroke / 1000.0 for b, stroke in zip(values, STROKES[axis], strict=True)]
-        for values, axis in SQUARENESS.values()
-    ]
-    straightness = [[machine(n)[1][code] for n in range(1, 11)] for code in SQUARENESS]
-    return np.array(by_squareness), np.array(straightness)
-
-
-def test_the_tables_squareness_is_in_um_per_m():
-    """Then it is as large as the straightness; in µm/mm, as printed, it were mm: B_xy 28 mm."""
-    by_squareness, straightness = squareness_and_straightness_um()
-    assert by_squareness.sum() / straightness.sum() == pytest.approx(1.2, abs=0.05)
-    assert by_squareness.max() == pytest.approx(36.5)
-
-
-def test_machine_10_alone_fits_better_with_b_xz_and_b_yz_interchanged():
-    """Or D_x(z) and D_y(z): r rises from 0.83 to 0.94, and rises with no other machine."""
-    by_squareness, straightness = squareness_and_straightness_um()
-
-    def r_with_interchange(i):
-        turned = by_squareness.copy()
-        turned[[1, 2], i] = turned[[2, 1], i]
-        return np.corrcoef(turned.ravel(), straightness.ravel())[0, 1]
-
-    as_printed = np.corrcoef(by_squareness.ravel(), straightness.ravel())[0, 1]
-    better = [i + 1 for i in range(10) if r_with_interchange(i) > as_printed]
-    assert better == [10]
-    assert r_with_interchange(9) == pytest.approx(0.942, abs=0.0005)
-
-
-def test_m1_of_machine_1_alone_is_misprinted():
-    """42.81/25.55 is 1.68; 1.67 is printed."""
-    rounded = {}
-    for number in range(1, 11):
-        without = [("x", "III")] if number == 8 else []
-        lines, straightness, printed = machine(number, without)
-        ratio = round(line_accuracy(lines, straightness).ratio, 2)
-        if ratio != printed["M1"]:
-            rounded[number] = ratio
-    assert rounded == {1: 1.68}
 
 
 STRAIGHT = dict.fromkeys(("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"), 0.0)

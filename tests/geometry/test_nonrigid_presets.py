@@ -77,18 +77,6 @@ def test_the_printed_equations_put_into_the_rigid_body_are_the_rule_with_slopes(
             np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
 
-def test_the_negligible_ones_that_the_text_names_are_in_no_preset():
-    """Below 8.36, where the last A_y^y(z)y is to be A_z^y(z)y, and below 8.54."""
-    negligible = {
-        "horizontal-counterweight": "D_x^y(z) D_y^y(z) D_z^y(z) "
-        "A_z^y(x) A_x^y(z) A_y^y(z) A_z^y(z)",
-        "large-gantry": "A_z^x(y) A_z^x(z)",
-    }
-    for name, text in negligible.items():
-        codes = {parse_component(word)[0].code for word in text.split()}
-        assert not codes & set(find_preset(name).slopes)
-
-
 @pytest.mark.parametrize(
     ("name", "along", "axes", "negligible"),
     [

@@ -251,29 +251,6 @@ def test_the_gantrys_slopes_by_hand():
     np.testing.assert_allclose(found, [0.0, 17.0, 6.0], atol=1e-12)
 
 
-# Section 3.3.2.1: which rotations a body diagonal sees when the errors are constant, as
-# direction cosines of the corner (a, b, c); domain.md section 7 on the signs of XYZF.
-SEEN_BY_THE_DIAGONAL = {
-    "FXYZ": {"EBX": "+ac", "ECX": "-ab", "EBY": "+ac", "EAY": "-bc"},
-    "XFYZ": {"EBY": "+ac", "EAY": "-bc"},
-    "XYFZ": {"ECX": "+ab", "EAX": "-bc"},
-    "XYZF": {"EBX": "-ac", "ECX": "+ab", "EBY": "-ac", "EAY": "+bc"},
-}
-
-
-@pytest.mark.parametrize("chain", SEEN_BY_THE_DIAGONAL)
-def test_the_body_diagonal_sees_the_rotations_that_the_chapter_lists(chain):
-    corner = dict(zip("abc", POINT, strict=True))
-    length = np.linalg.norm(POINT)
-    for component in (c for c in RIGID if c.is_rotation):
-        found, _ = error_at(chain, {component.code: 12.0}, POINT)
-        term = SEEN_BY_THE_DIAGONAL[chain].get(component.code)
-        arm = 0.0 if term is None else corner[term[1]] * corner[term[2]] / length
-        sign = -1.0 if term and term[0] == "-" else 1.0
-        seen = found @ np.array(POINT) / length
-        assert seen == pytest.approx(sign * 12.0 * arm / MM, abs=1e-12), component.code
-
-
 def measured_along(chain, errors, axis, line):
     """What a laser along the axis reads on this line: the rotations' arms are in it."""
     only = {k: v for k, v in errors.items() if COMPONENTS[k].axis == axis}

@@ -16,7 +16,6 @@ from app.errors import (
     SensorUnavailable,
     UnknownThing,
 )
-from app.geometry.components import COMPONENTS
 from app.thermal.bracket import Status
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange, SameTemperature, Sensor
@@ -48,13 +47,6 @@ def test_between_two_maps_by_hand():
     assert (state.lower_map, state.upper_map) == ("Run #1", "Run #2")
     assert (state.weight, state.status) == (0.25, Status.INTERPOLATED)
     assert (state.sensor, state.temperature_c) == ("x-middle", 22.5)
-
-
-def test_three_maps_of_a_machine_that_is_not_linear():
-    """The chapter's Runs 1, 3, 6 (8.2.9): two lines with a knee, not one line."""
-    maps = maps_of("SXY", [20.0, 24.0, 32.0], [[0.0], [8.0], [10.0]])
-    found = [errors_of(compiled(maps), "SXY", t).item() for t in (20, 22, 24, 28, 32)]
-    assert found == [0.0, 4.0, 8.0, 9.0, 10.0]
 
 
 def test_two_components_sit_between_different_maps_because_their_sensors_differ():
@@ -221,58 +213,6 @@ def test_the_order_does_not_matter_where_maps_are_averaged_either():
     for seed in range(20):
         model = compiled(random.Random(seed).sample(maps, len(maps)), **policy)
         assert [s.values.tobytes() for s in model.errors_at({"x-middle": 24.0})] == expected
-
-
-@pytest.mark.slow
-def test_hundreds_of_maps_with_every_component():
-    """300 maps 0.1 °C apart, the sensor's resolution: each one exact, the middle their mean."""
-    rng = np.random.default_rng(300)
-    scale = [20.0 + i / 10 for i in range(300)]
-    grid = np.linspace(0.0, 500.0, 11)
-    values = {
-        c.code: rng.normal(size=(300, 11 if c.is_table else 1))
-        for c in COMPONENTS.values()
-        if c.default_sensor is not None
-    }
-    maps = [
-        error_map(
-            f"Run #{i}",
-            t,
-            *(table(k, v[i], grid if COMPONENTS[k].is_table else ()) for k, v in values.items()),
-        )
-        for i, t in enumerate(scale)
-    ]
-    model = compiled(random.Random(300).sample(maps, len(maps)))
-    assert sum(len(g.members) for g in model.groups) == len(values) == 57
-    for i in (0, 1, 150, 298, 299):
-        for code, nodes in values.items():
-            np.testing.assert_array_equal(errors_of(model, code, scale[i]), nodes[i])
-    middle = errors_of(model, "EBX", (scale[150] + scale[151]) / 2)
-    np.testing.assert_allclose(middle, (values["EBX"][150] + values["EBX"][151]) / 2, rtol=1e-9)
-
-
-def test_the_packed_tables_cannot_be_changed():
-    model = compiled(maps_of("EXX", [20.0, 30.0], [[1.0], [2.0]], [0]))
-    with pytest.raises(ValueError, match="read-only"):
-        model.groups[0].nodes[0] = 9.0
-    answer = model.errors_at({"x-middle": 20.0})[0].values
-    if answer.flags.writeable:
-        answer[:] = 9.0
-    assert errors_of(model, "EXX", 20.0).tolist() == [1.0]
-
-
-def test_models_answer_each_for_itself_again_and_again():
-    """Whatever is remembered by temperature belongs to one model's maps and policy."""
-    rows = [[0.0], [10.0]]
-    one = compiled(maps_of("EXX", [20.0, 30.0], rows, [0]))
-    other = compiled(maps_of("EXX", [20.0, 30.0], [[5.0], [7.0]], [0]))
-    beyond = compiled(maps_of("EXX", [20.0, 30.0], rows, [0]), out_of_range=OutOfRange.EXTRAPOLATE)
-    for _ in range(2):
-        assert errors_of(one, "EXX", 32.0).tolist() == [10.0]
-        assert errors_of(other, "EXX", 32.0).tolist() == [7.0]
-        assert errors_of(beyond, "EXX", 32.0).tolist() == [12.0]
-        with pytest.raises(OutsideMaps):
-            errors_of(beyond, "EXX", 36.0)
 
 
 # --- positions ---------------------------------------------------------------------------
