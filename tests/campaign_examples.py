@@ -1,10 +1,15 @@
 """A small simulated campaign with one undeclared effect, stored in a service."""
 
 import asyncio
+from contextlib import closing
 from datetime import datetime
 from functools import cache
 
+from app.services.analyse_stored import analyse_stored
 from app.simulation.undeclared import make_campaign
+from app.storage.analyses import begin_analysis, finish_analysis, insert_analysis
+from app.storage.database import Database
+from app.storage.records import AnalysisTask
 from tests.service_examples import Clock, client_of, running
 
 LATER = datetime.fromisoformat("2026-06-01T00:00:00+00:00")
@@ -47,6 +52,19 @@ def campaign_database(url):
 
     with running(url, Clock(LATER)) as service:
         asyncio.run(store())
+
+
+def analysed_database(url):
+    """Prepare an empty database with the campaign, in which reversals were looked for."""
+    campaign_database(url)
+    task = AnalysisTask(3, list(range(1, 9)), 0.3, ["backlash"], 0)
+    with closing(Database(url)) as database:
+        with database.writing() as session:
+            number = insert_analysis(session, MACHINE_ID, task, LATER).id
+            assert begin_analysis(session, number, "tests", LATER)
+        text = analyse_stored(url, number, lambda *_progress: None)
+        with database.writing() as session:
+            assert finish_analysis(session, number, "tests", text, LATER)
 
 
 def store_sister(client, machine_id, checks=None):

@@ -2,7 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 
 import httpx
 import pytest
@@ -19,7 +19,7 @@ from tests.api.test_dashboard_browser import (
     opened,
     pytestmark,
 )
-from tests.campaign_examples import ROOM, campaign_database, store_sister
+from tests.campaign_examples import ROOM, analysed_database, campaign_database, store_sister
 
 __all__ = ["chromium", "pytestmark"]
 
@@ -29,12 +29,25 @@ WIDTH_OF_PAPER = 680
 """A4 between margins of 15 mm, at 96 px to the inch."""
 
 
-@pytest.fixture
-def shop(databases):
+@contextmanager
+def shop_of(databases, prepare):
     with ThreadPoolExecutor(1) as aside:
-        database_url = aside.submit(databases.prepared, "sqlite", campaign_database).result()
+        database_url = aside.submit(databases.prepared, "sqlite", prepare).result()
     yield Shop(database_url)
     databases.give_back(database_url)
+
+
+@pytest.fixture
+def shop(databases):
+    with shop_of(databases, campaign_database) as made:
+        yield made
+
+
+@pytest.fixture
+def analysed(databases):
+    """The same when reversals have been looked for."""
+    with shop_of(databases, analysed_database) as made:
+        yield made
 
 
 def run_quick_analysis(page):
@@ -55,11 +68,11 @@ UNMARKED = """() => {
 }"""
 
 
-def test_the_loop_and_its_report_are_german_but_for_what_is_marked(chromium, shop):
+def test_the_loop_and_its_report_are_german_but_for_what_is_marked(chromium, analysed):
+    shop = analysed
     with shop.open(), opened(chromium, shop) as (page, _wrong):
         page.context.add_cookies([{"name": "thermap-language", "value": "de", "url": shop.url}])
         page.goto(shop.url + LOOP)
-        run_quick_analysis(page)
         expect(page.locator("#answer h1")).to_contain_text("hat eine Umkehrspanne von")
         page.locator("details").evaluate_all("all => all.forEach(one => { one.open = true })")
         report = page.locator("a[data-key=r]").first.get_attribute("href")
@@ -266,10 +279,10 @@ def test_a_key_that_only_reads_plans_a_visit(chromium, shop):
 @pytest.mark.parametrize(
     ("size", "scheme"), [("panel", "light"), ("phone", "dark"), ("wide", "dark")]
 )
-def test_every_size_and_theme_fits_its_screen(chromium, shop, size, scheme):
+def test_every_size_and_theme_fits_its_screen(chromium, analysed, size, scheme):
+    shop = analysed
     with shop.open(), opened(chromium, shop, size, color_scheme=scheme) as (page, wrong):
         page.goto(shop.url + LOOP)
-        run_quick_analysis(page)
         expect(page.locator("#price")).to_contain_text("live table")
         assert page.locator("html").evaluate("e => e.scrollWidth") <= SIZES[size][0]
         for table in page.locator(".scroll:has(> .checks)").all():
@@ -323,10 +336,10 @@ def test_a_fleets_analyses_are_cancelled_and_asked_again(chromium, shop):
         assert wrong == []
 
 
-def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, shop):
+def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, analysed):
+    shop = analysed
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
-        run_quick_analysis(page)
         with opened(chromium, shop) as (other, _):
             other.goto(shop.url + LOOP)
             for one in (page, other):
@@ -342,11 +355,12 @@ def test_two_browsers_adopt_at_once_and_the_later_one_is_told(chromium, shop):
         assert wrong == []
 
 
-def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
+def test_a_long_label_leaves_room_for_the_rest(chromium, analysed):
     """Labels without a space, of text that a browser must not take for markup."""
     label = "<b>night</b> " + "n" * 150
     content = b"time,component,position_mm,measured_um\n2026-03-01T06:00:00Z,EXX,0,1.5\n"
     named = f"# label: {label}\n".encode() + content
+    shop = analysed
     with shop.open(), opened(chromium, shop) as (page, wrong):
         page.goto(shop.url + LOOP)
         night = {"name": "night.csv", "mimeType": "text/csv", "buffer": named}
@@ -354,7 +368,6 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
         page.locator("#file").set_input_files(night)
         page.get_by_role("button", name="Store this check").click()
         expect(page.locator(".checks-room tbody")).to_contain_text(label)
-        run_quick_analysis(page)
         for part in (".checks-room", "#answer"):
             box = page.locator(part)
             assert box.evaluate("e => e.scrollWidth <= e.clientWidth + 1"), part
@@ -364,12 +377,12 @@ def test_a_long_label_leaves_room_for_the_rest(chromium, shop):
         assert wrong == []
 
 
-def test_paper_has_what_was_found_and_no_buttons(chromium, shop):
+def test_paper_has_what_was_found_and_no_buttons(chromium, analysed):
     """Positions are round numbers; what is shaded stays so where paper has no ground."""
+    shop = analysed
     with shop.open(), opened(chromium, shop) as (page, wrong):
         shop.send("PATCH", ROOM, {"serial_number": "5050-1274"})
         page.goto(shop.url + LOOP)
-        run_quick_analysis(page)
         words = page.locator(".places").first.locator("span").all_inner_texts()
         assert 2 <= len(words) <= 6
         assert all(len(one) <= 6 for one in words), words

@@ -88,8 +88,7 @@ def test_fahrenheit_and_inches_are_typed_and_stored_as_celsius_and_millimetres(
         assert [one for one in wrong if "422" not in one] == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", ["panel", "phone"])
+@pytest.mark.parametrize(("size", "scheme"), [("panel", "light"), ("phone", "dark")])
 def test_the_glossary_is_a_key_away_and_the_choice_fits(chromium, shop, size, scheme):  # noqa: F811
     with (
         shop.open(),
