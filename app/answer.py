@@ -33,6 +33,11 @@ _RANGE: Final = {"type": "array", "items": {"type": "number"}, "minItems": 2, "m
 Range: TypeAlias = Annotated[tuple[float, float], WithJsonSchema(_RANGE)]
 """A smallest and a largest number."""
 
+_VECTOR: Final = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+
+Vector: TypeAlias = Annotated[tuple[float, float, float], WithJsonSchema(_VECTOR)]
+"""Three coordinates x, y, z."""
+
 Code: TypeAlias = Annotated[str, Field(examples=["EXX"])]
 TemperaturesC: TypeAlias = Annotated[
     Mapping[str, float], Field(examples=[{"x-middle": 24.1, "z-column": 27.3}])
@@ -48,9 +53,10 @@ class Answer:
     """Base of dataclasses that are answers.
 
     The text under a field describes it in the OpenAPI document, where the class stands as
-    `published_as`. One is not `whole` where some routes leave its nulls out. What a newer version
-    writes beside the fields is passed over when it is read; a number that is not finite is written
-    as null.
+    `published_as`. One is not `whole` where some routes leave its nulls out, or where it is
+    `stated` too: then fields that it does not know are refused. Else what a newer version writes
+    beside the fields is passed over when it is read. Numbers that are not finite are written as
+    null.
     """
 
     __slots__ = ()
@@ -58,7 +64,12 @@ class Answer:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict()
 
     def __init_subclass__(
-        cls, published_as: str | None = None, *, whole: bool = True, **more: Any
+        cls,
+        published_as: str | None = None,
+        *,
+        whole: bool = True,
+        stated: bool = False,
+        **more: Any,
     ) -> None:
         super().__init_subclass__(**more)
         # dataclass(slots=True) makes the class again, without what stood behind its name.
@@ -67,7 +78,8 @@ class Answer:
             cls.__pydantic_config__ = ConfigDict(
                 title=cls.published_as,
                 serialize_by_alias=True,
-                json_schema_serialization_defaults_required=whole,
+                extra="forbid" if stated else "ignore",
+                json_schema_serialization_defaults_required=whole and not stated,
                 json_schema_extra=_as_answer,
             )
 

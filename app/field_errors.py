@@ -22,6 +22,9 @@ _WHERE = ("body", "query", "path", "header")
 _WAYS = ("[key]", *map(way_of, ("one", "more", "point", "line")))
 """Parts of pydantic's paths that are no fields."""
 
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+"""Kinds of errors that say that there is no such field."""
+
 _MOST_NAMES = 12
 """Fields that are listed where an unknown one came."""
 
@@ -36,7 +39,7 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
         del path[0]
     if error["type"] == "json_invalid":
         return FieldError("body", f"expected JSON, got text that is not JSON: {_reason(error)}")
-    if error["type"] == "extra_forbidden":
+    if error["type"] in UNKNOWN:
         return FieldError(".".join(path), f"unknown field; expected {_known_names(error)}")
     field = ".".join(path) or "body"
     if isinstance(error.get("input"), bytes):
@@ -67,7 +70,7 @@ def with_known_fields(
     """
     return [
         {**error, "ctx": {"known": _fields_at(schema, error["loc"][:-1])}}
-        if error["type"] == "extra_forbidden"
+        if error["type"] in UNKNOWN
         else error
         for error in errors
     ]
@@ -136,6 +139,7 @@ _EXPECTED = {
     "dict_type": "an object with names and values",
     "model_attributes_type": "an object",
     "model_type": "an object",
+    "dataclass_type": "an object",
     "float_type": "a number",
     "float_parsing": "a number",
     "int_type": "a whole number",

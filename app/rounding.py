@@ -12,7 +12,8 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PlainSerializer
+from pydantic import GetPydanticSchema, PlainSerializer
+from pydantic_core import core_schema
 
 DECIMALS: Final = 4
 """Of µm, µrad, µm/m and µrad/m."""
@@ -142,6 +143,36 @@ Micro = Annotated[float, PlainSerializer(to_tenth_nm, return_type=float, when_us
 
 Digits = Annotated[float, PlainSerializer(to_digits, return_type=float, when_used="json")]
 """A computed number that others may divide by, or of a unit that its name says."""
+
+
+def listed(axes: int, number: Any = float) -> GetPydanticSchema:
+    """Publish an array as lists in lists of numbers, to 0.1 nm where JSON is written.
+
+    Parameters
+    ----------
+    axes
+        How many it has.
+    number
+        What the document says of each number, such as that null may stand for it.
+    """
+    lists: Any = number
+    for _ in range(axes):
+        lists = list[lists]
+    return GetPydanticSchema(
+        lambda _, handler: core_schema.any_schema(
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                _as_lists,
+                return_schema=handler.generate_schema(lists),
+                when_used="json",
+            )
+        )
+    )
+
+
+def _as_lists(array: NDArray[Any]) -> list[Any]:
+    lists: list[Any] = (rounded(array) if array.dtype.kind == "f" else array).tolist()
+    return lists
+
 
 Parameters = Annotated[
     Mapping[str, float],

@@ -20,6 +20,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = [
     {"languages"},
     {"units", "errors", "arrays", "answer", "rounding", "csv_text", "decimal_text", "foreign_text"},
+    {"in_pieces", "stated"},
     {"geometry", "supervision", "field_errors", "json_text"},
     {"thermal"},
     {"compensation", "measurement", "pictures", "simulation"},
@@ -52,6 +53,8 @@ PURE = {
         "arrays",
         "answer",
         "rounding",
+        "in_pieces",
+        "stated",
         "csv_text",
         "decimal_text",
         "foreign_text",
@@ -75,8 +78,8 @@ PURE = {
 }
 """No clock, no database, no HTTP: time and temperatures come in as arguments."""
 
-# pydantic reads the fields of an answer and their descriptions where it is defined; it validates
-# nothing there.
+# pydantic reads the fields of what is asked and answered, and their descriptions, where it is
+# defined.
 PURE_LIBRARIES = {
     *(
         "numpy",
@@ -84,6 +87,7 @@ PURE_LIBRARIES = {
         "threadpoolctl",
         "plotly",
         "pydantic",
+        "pydantic_core",
         "jinja2",
         "markupsafe",
         "babel",

@@ -1603,9 +1603,6 @@ class ReadingSchema(Shape):
 class ReadyAnswer(Shape):
     """Whether the database is there and the models are in memory."""
 
-    status: str
-    """`ready` or `not-ready`"""
-
     database: str
     """`ok`, or what is the matter"""
 
@@ -1619,6 +1616,9 @@ class ReadyAnswer(Shape):
     """Free on the disk of the database's file [bytes]; null where that is not known, as on
     PostgreSQL
     """
+
+    status: str
+    """`ready` or `not-ready`"""
 
 
 class Receiver(Shape):
@@ -2487,30 +2487,6 @@ class Problem(Shape):
     """The fields that are to blame"""
 
 
-class AnswerHead(Shape):
-    """What every answer about the machine in three dimensions says of itself."""
-
-    machine: str
-    """The machine's id"""
-
-    model_version: int
-    """Version of the model"""
-
-    computed_at: AwareDatetime
-    """When it was computed, UTC"""
-
-    complete: bool
-    """Whether no component and no adopted effect is missing, none rests on an old temperature or on
-    a reading that arrived before its time, or ends where other maps of it go on
-    """
-
-    warnings: list[str]
-    """All that is not as it should be, in sentences"""
-
-    counted_as_zero: list[str]
-    """Components that no two maps have and that count as zero"""
-
-
 class WatchChange(Shape):
     """The watch of a machine says something else than before."""
 
@@ -2569,6 +2545,30 @@ class MissedEntries(Shape):
 
     detail: str
     """The same in words, and where to find them"""
+
+
+class AnswerHead(Shape):
+    """What every answer about the machine in three dimensions says of itself."""
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    complete: bool
+    """Whether no component and no adopted effect is missing, none rests on an old temperature or on
+    a reading that arrived before its time, or ends where other maps of it go on
+    """
+
+    warnings: list[str]
+    """All that is not as it should be, in sentences"""
+
+    counted_as_zero: list[str]
+    """Components that no two maps have and that count as zero"""
 
 
 class AccuracyAnswer(AnswerHead):
@@ -3196,7 +3196,7 @@ class History(Shape):
 class LevelAnswer(Shape):
     """What a controller of one ability takes away, and what it leaves."""
 
-    level: str
+    level: Literal["nothing", "displacement", "straightness", "angular", "nonrigid"]
     """`nothing`, `displacement` (8.89–8.91), `straightness` with squareness folded in (8.92–8.94),
     `angular` (8.95–8.97) or `nonrigid` (8.98–8.100)
     """

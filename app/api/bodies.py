@@ -28,9 +28,9 @@ from app.api.collector import uncollected
 from app.api.dependencies import refuse_unknown_query
 from app.api.long_bodies import AT_ONCE, LongBodies
 from app.api.media_types import JSON
-from app.api.schemas.in_pieces import shown_errors
 from app.errors import InvalidContent
-from app.field_errors import with_known_fields
+from app.field_errors import UNKNOWN, with_known_fields
+from app.in_pieces import shown_errors
 from app.json_text import SHORT_TEXT, NoJsonError, RepeatedNameError, read_json
 
 MEGABYTE: Final = 1024 * 1024
@@ -305,7 +305,7 @@ def _checked(adapter: TypeAdapter[Any], body: bytes) -> Any:
         return adapter.validate_python(content)
     except ValidationError as error:
         wrong = shown_errors(error)
-        if any(e["type"] == "extra_forbidden" for e in wrong):
+        if any(e["type"] in UNKNOWN for e in wrong):
             wrong = with_known_fields(wrong, _schema_of(adapter))
         errors = [{**e, "loc": ("body", *e["loc"])} for e in wrong]
         raise RequestValidationError(errors) from None

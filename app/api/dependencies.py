@@ -17,7 +17,7 @@ from app.api.turns import Turns
 from app.errors import InvalidContent, StorageUnavailable, list_names
 from app.live.registry import LiveMachine
 from app.services.context import Context
-from app.services.fleet import HOLDOUT, FleetQuestion
+from app.services.fleet import HOLDOUT, FleetRequest
 from app.services.load_machine import lacks_reading, load_machine, restore_past
 from app.services.run_analyses import AnalysisRunner
 
@@ -122,9 +122,9 @@ def fleet_question(
             description="Share of the visits that take no part in the search, below 0.9",
         ),
     ] = HOLDOUT,
-) -> FleetQuestion:
+) -> FleetRequest:
     """Read what the machines' analyses are asked."""
-    return FleetQuestion(effects, holdout_fraction)
+    return FleetRequest(effects=effects, holdout_fraction=holdout_fraction)
 
 
-FleetQuestionQuery = Annotated[FleetQuestion, Depends(fleet_question)]
+FleetQuestionQuery = Annotated[FleetRequest, Depends(fleet_question)]

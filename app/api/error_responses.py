@@ -19,7 +19,6 @@ from starlette.types import Scope
 
 from app.api.pages import Page, take_reader, wants_page
 from app.api.request_log import request_id
-from app.api.schemas.in_pieces import ENOUGH_ERRORS
 from app.errors import (
     Conflict,
     FieldError,
@@ -37,6 +36,7 @@ from app.errors import (
     list_names,
 )
 from app.field_errors import field_error
+from app.in_pieces import ENOUGH_ERRORS
 from app.pages.environment import render_live
 from app.pages.wording import message
 

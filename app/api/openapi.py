@@ -16,9 +16,9 @@ from app.access.keys import Role
 from app.answer import Answer, answers
 from app.api.access import needs
 from app.api.pages import Page
-from app.api.schemas.base import Schema
-from app.api.schemas.error_field import AnswerHead
 from app.events.news import AnalysisNews, MissedEntries, WatchChange
+from app.services.ask_field import AnswerHead
+from app.stated import Schema
 
 DOCUMENT: Final = "/openapi.json"
 
@@ -67,8 +67,8 @@ PROBLEMS = {
     "507": "The database's disk is full: nothing was stored, what is stored can be read",
     "503": "The database is away, or too much waits; try again later",
 }
-_STREAM_ONLY: tuple[type[Answer], ...] = (WatchChange, AnalysisNews, MissedEntries)
-"""Shapes that streams alone send."""
+_IN_NO_ROUTE: tuple[type[Answer], ...] = (WatchChange, AnalysisNews, MissedEntries, AnswerHead)
+"""Shapes that streams alone send, or a header."""
 
 _NOT_OURS = ("HTTPValidationError", "ValidationError")
 
@@ -106,12 +106,12 @@ def document_problems(service: FastAPI) -> None:
             for name in _NOT_OURS:
                 schemas.pop(name, None)
             reference = "#/components/schemas/{model}"
-            models: tuple[type[Schema], ...] = (ProblemField, Problem, AnswerHead)
+            models: tuple[type[Schema], ...] = (ProblemField, Problem)
             for model in models:
                 written = model.model_json_schema(ref_template=reference)
                 schemas.update(written.pop("$defs", {}))
                 schemas[model.__name__] = written
-            for shape in _STREAM_ONLY:
+            for shape in _IN_NO_ROUTE:
                 adapter: TypeAdapter[Any] = TypeAdapter(shape)
                 schemas[shape.published_as] = adapter.json_schema(
                     mode="serialization", ref_template=reference

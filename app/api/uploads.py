@@ -25,13 +25,13 @@ from app.api.media_types import CSV, XLSX
 from app.api.methods.method import Evaluated, Method
 from app.api.methods.registry import METHODS, method_named
 from app.api.methods.shapes import MeasurementRequest
-from app.api.schemas.base import UtcTime
 from app.api.uploaded_map import FileMap, UploadedMeasurement, read_uploaded_map
 from app.api.uploaded_verification import UploadedVerification, read_uploaded_verification
 from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
 from app.files.csv_comments import Header
 from app.services.measurements import Storing, map_of_result
+from app.stated import UtcTime
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
 

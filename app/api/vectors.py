@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import fields
 from typing import Any, Final
 
 import nanoarrow
@@ -16,6 +17,8 @@ from app.api.media_types import ANSWER_HEADER, JSON, NPY
 from app.api.table_json import OPTIONS
 from app.arrays import FloatArray
 from app.rounding import rounded
+from app.services.ask_field import AnswerHead
+from app.services.geometry import VolumetricError
 
 LONGEST_HEADER: Final = 6000
 """Servers, proxies and clients refuse headers from some 8,000 characters on."""
@@ -29,28 +32,28 @@ COLUMNS: Final = (
 )  # fmt: skip
 
 
-def vectors_response(
-    media_type: str, head: dict[str, Any], errors_um: FloatArray, orientation_urad: FloatArray
-) -> Response:
+def vectors_response(media_type: str, errors: VolumetricError) -> Response:
     """Write errors and orientations at points in the form that was asked for.
 
     Parameters
     ----------
     media_type
         `JSON`, `NPY` or `ARROW`.
-    head
-        What the answer says of itself: beside the vectors in JSON, in the header
-        `Thermap-Answer` (as JSON) and, in Arrow, in the schema's metadata too.
-    errors_um, orientation_urad : ndarray, shape (n, 3) or (s, n, 3) [µm, µrad]
-        JSON has them to 0.1 nm. npy has one array of shape (n, 6) or (s, n, 6); Arrow has
-        the six columns, and a column `thermal_state` where there are several.
+    errors
+        JSON has the vectors to 0.1 nm. npy has one array of shape (n, 6) or (s, n, 6); Arrow has
+        the six columns, and a column `thermal_state` where there are several. What the answer
+        says beside them is then in the header `Thermap-Answer` (as JSON) and, in Arrow, in the
+        schema's metadata too.
     """
+    head: dict[str, Any] = {f.name: getattr(errors, f.name) for f in fields(AnswerHead)}
+    errors_um, orientation_urad = errors.errors_um, errors.orientation_urad
     if media_type == JSON:
-        vectors = {
+        beside = {
+            "outside_travel": errors.outside_travel,
             "errors_um": orjson.Fragment(_written(rounded(errors_um))),
             "orientation_urad": orjson.Fragment(_written(rounded(orientation_urad))),
         }
-        return Response(orjson.dumps(head | vectors, option=OPTIONS), media_type=JSON)
+        return Response(orjson.dumps(head | beside, option=OPTIONS), media_type=JSON)
     six = np.concatenate([errors_um, orientation_urad], axis=-1)
     content = _npy(six) if media_type == NPY else _arrow(six, _ascii(head))
     return Response(content, media_type=media_type, headers={ANSWER_HEADER: _short(head)})

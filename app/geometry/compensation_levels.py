@@ -13,14 +13,16 @@ left; without them the chapter's convention holds: translations are free of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, InstanceOf, PlainSerializer
 
+from app.answer import Answer
 from app.arrays import FloatArray
 from app.geometry.box_extremes import error_extremes, lattice_size
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, Kind
@@ -28,6 +30,7 @@ from app.geometry.error_field import ErrorField
 from app.geometry.error_table import PackedTable, Table
 from app.geometry.volumetric_error import NO_TOOL, squareness_of
 from app.geometry.work_volume import WorkVolume
+from app.rounding import Digits, Micro
 from app.units import um_from_urad_mm
 
 MOST_POINTS_EACH: Final = 4_000_000
@@ -56,30 +59,81 @@ _KNOWS: Final[Mapping[Level, frozenset[Kind]]] = {
 """The kinds of components that each level takes away."""
 
 
+_Numbers: TypeAlias = Sequence[Micro] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelTable(Answer, whole=False):
+    """One table of a controller."""
+
+    component: Annotated[str, Field(examples=["EXY"])]
+    """ISO 230-1 code"""
+    chapter: Annotated[str, Field(examples=["D_x(y)"])]
+    """The chapter's notation"""
+    axis: Annotated[str, Field(examples=["y"])]
+    """Axis of the positions"""
+    positions_mm: Sequence[float]
+    """Positions on the axis [mm]"""
+    errors_um: _Numbers = None
+    """Errors, squareness folded in where the level says so [µm]"""
+    errors_urad: _Numbers = None
+    """Angular errors [µrad]"""
+    slopes_um_per_m: _Numbers = None
+    """Nonrigid slopes [µm/m]"""
+    slopes_urad_per_m: _Numbers = None
+    """Nonrigid slopes [µrad/m]"""
+    compensation_um: _Numbers = None
+    """Minus the error [µm]"""
+    compensation_urad: _Numbers = None
+    """Minus the error [µrad]"""
+    compensation_um_per_m: _Numbers = None
+    """Minus the slope [µm/m]"""
+    compensation_urad_per_m: _Numbers = None
+    """Minus the slope [µrad/m]"""
+
+
+def _in_their_units(tables: Mapping[str, Table]) -> list[LevelTable]:
+    written = []
+    for code, table in tables.items():
+        component = COMPONENTS[code]
+        errors = np.asarray(table.values)
+        numbers: dict[str, Any] = {
+            component.error_field: errors.tolist(),
+            component.compensation_field: (0.0 - errors).tolist(),
+        }
+        written.append(
+            LevelTable(
+                component=code,
+                chapter=component.chapter,
+                axis=str(component.axis),
+                positions_mm=np.asarray(table.positions_mm).tolist(),
+                **numbers,
+            )
+        )
+    return written
+
+
 @dataclass(frozen=True, slots=True)
-class CompensationLevel:
-    """One level: its tables, and what they leave.
+class CompensationLevel(Answer, published_as="LevelAnswer"):
+    """What a controller of one ability takes away, and what it leaves."""
 
-    Parameters
-    ----------
-    tables
-        Component code to table of errors [mm, µm or µrad]; the compensation is minus
-        the error. Squareness is folded into EXY, EXZ and EYZ.
-    mean_um, rms_um
-        Of the length of the volumetric error that is left at the points of a lattice [µm].
-    max_um
-        Its largest anywhere in the volume [µm].
-    within_um
-        What the true largest may be beyond it [µm]; None where the tables have too many
-        nodes in the volume to tell: `max_um` is then the largest of the lattice's points.
-    """
-
-    level: Level
-    tables: Mapping[str, Table]
-    mean_um: float
-    rms_um: float
-    max_um: float
-    within_um: float | None
+    level: Annotated[Level, Field(examples=["straightness"])]
+    """`nothing`, `displacement` (8.89–8.91), `straightness` with squareness folded in (8.92–8.94),
+    `angular` (8.95–8.97) or `nonrigid` (8.98–8.100)"""
+    mean_um: Micro
+    """Mean length of the volumetric error that is left at the lattice's points [µm]"""
+    rms_um: Micro
+    """Its root mean square at these points [µm]"""
+    max_um: Micro
+    """Its largest anywhere in the volume [µm]"""
+    within_um: Digits | None
+    """What the true largest may be beyond `max_um` [µm]; null where the tables have too many nodes
+    for that: `max_um` is then sampled, the largest at the lattice's points"""
+    tables: Annotated[
+        Mapping[str, InstanceOf[Table]],
+        PlainSerializer(_in_their_units, return_type=list[LevelTable]),
+    ]
+    """The tables that such a controller needs"""
 
 
 def compensation_levels(

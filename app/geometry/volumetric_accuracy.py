@@ -8,11 +8,15 @@ C. Wang, 8.5: the sums 8.112–8.117, definition 1 (8.118–8.121), definition 2
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import Answer, Vector
 from app.geometry.body_diagonal import (
     DiagonalAccuracy,
     diagonal_accuracy,
@@ -24,42 +28,48 @@ from app.geometry.error_field import ErrorField
 from app.geometry.line_accuracy import STRAIGHTNESS_CODES, LineAccuracy, line_accuracy
 from app.geometry.volumetric_error import NO_TOOL
 from app.geometry.work_volume import WorkVolume, points_of
+from app.rounding import Digits, Micro
+
+MicroVector: TypeAlias = Annotated[Sequence[Micro], Field(min_length=3, max_length=3)]
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How far three sums of errors spread over the work volume.
+@dataclass(frozen=True)
+class Spread(Answer, published_as="SpreadAnswer"):
+    """How far three sums of errors spread over the volume."""
 
-    Parameters
-    ----------
-    ranges
-        Largest less smallest value of each (8.122–8.127) [µm or µrad].
-    definition_1
-        Largest root of the sum of the three squares (8.118–8.121; the text says RMS)
-        [µm or µrad]. It depends on where the errors are 0.
-    definition_2
-        Root of the sum of the squares of the ranges (8.128, 8.129) [µm or µrad].
-    worst_point_mm
-        Where definition 1 finds its largest [mm].
-    within
-        What the true ranges and definitions may be beyond these [µm or µrad]: 0 where
-        extremes are at nodes, else what `box_extremes` proves.
-    """
-
-    ranges: tuple[float, float, float]
-    definition_1: float
-    definition_2: float
-    worst_point_mm: tuple[float, float, float]
-    within: float
+    ranges: Annotated[MicroVector, Field(alias="ranges_um")]
+    """Largest less smallest value in x, y, z (8.122–8.127) [µm]"""
+    definition_1: Annotated[Micro, Field(alias="definition_1_um")]
+    """Largest root of the sum of squares of x, y, z (8.118–8.121) [µm]"""
+    definition_2: Annotated[Micro, Field(alias="definition_2_um")]
+    """Root of the sum of squares of the ranges (8.128) [µm]"""
+    worst_point_mm: Vector
+    """Where definition 1 has its largest [mm]"""
+    within: Annotated[Digits, Field(alias="within_um")]
+    """What the true ranges and definitions may be beyond these: they are extremes of the model over
+    the whole volume, not of samples [µm]"""
 
     @classmethod
-    def of(cls, extremes: BoxExtremes) -> Spread:
+    def of_box(cls, extremes: BoxExtremes) -> Self:
         """Sum up the extremes of a vector over the work volume."""
         x, y, z = (float(range_) for range_ in extremes.most - extremes.least)
         a, b, c = (float(coordinate) for coordinate in extremes.where_mm)
         # A range has an extreme at either end, definition 2 three ranges.
         within = 2.0 * math.sqrt(3.0) * extremes.within
         return cls((x, y, z), extremes.longest, math.hypot(x, y, z), (a, b, c), within)
+
+
+@dataclass(frozen=True)
+class AngularSpread(Spread, published_as="AngularSpreadAnswer"):
+    """The same of angles."""
+
+    ranges: Annotated[MicroVector, Field(alias="ranges_urad")]
+    """Largest less smallest value about x, y, z (8.122–8.127) [µrad]"""
+    definition_1: Annotated[Micro, Field(alias="definition_1_urad")]
+    """Largest root of the sum of squares (8.119, 8.121) [µrad]"""
+    definition_2: Annotated[Micro, Field(alias="definition_2_urad")]
+    """Root of the sum of squares of the ranges (8.129) [µrad]"""
+    within: Annotated[float, Field(exclude=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,20 +88,20 @@ class VolumetricAccuracy:
     """
 
     linear: Spread
-    angular: Spread
+    angular: AngularSpread
     with_arms: Spread
     diagonals: DiagonalAccuracy
     lines: LineAccuracy
 
     @property
-    def ratios(self) -> dict[str, float]:
-        """The chapter's multiple factors M1 to M3; NaN where a measure is 0."""
+    def ratios(self) -> dict[str, float | None]:
+        """The chapter's multiple factors M1 to M3; None where a measure is 0."""
         below = {
             "M1": self.lines.elv_um,
             "M2": self.diagonals.ed_um,
             "M3": self.diagonals.esd_um,
         }
-        return {name: self.lines.elsv_um / um if um else math.nan for name, um in below.items()}
+        return {name: self.lines.elsv_um / um if um else None for name, um in below.items()}
 
 
 def volumetric_accuracy(
@@ -124,11 +134,11 @@ def volumetric_accuracy(
     # With nonrigid slopes they are bilinear: table by coordinate of another axis, each of degree 1.
     straight = (1, 1, 1)
     return VolumetricAccuracy(
-        linear=Spread.of(
+        linear=Spread.of_box(
             box_extremes(lambda points: translations.at(points)[0], field, volume, straight)
         ),
-        angular=Spread.of(box_extremes(field.rotation_at, field, volume, straight)),
-        with_arms=Spread.of(error_extremes(field, volume, tool_offset_mm)),
+        angular=AngularSpread.of_box(box_extremes(field.rotation_at, field, volume, straight)),
+        with_arms=Spread.of_box(error_extremes(field, volume, tool_offset_mm)),
         diagonals=diagonal_accuracy(extreme_displacements(field, volume, tool_offset_mm)),
         lines=model_line_accuracy(field, volume, tool_offset_mm),
     )

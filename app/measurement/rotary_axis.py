@@ -224,7 +224,7 @@ def path_error(
     Examples
     --------
     >>> found = path_error({"XOC": 3.0}, [100, 0, 50], [0, 180], "C", compensated={"XOC": 2.0})
-    >>> np.allclose(found, [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    >>> np.allclose(found, [(0.0, 0.0, 0.0), [2.0, 0.0, 0.0]])
     True
     """
     letter = _checked_axis(axis)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from app.answer import Answer
 from app.compensation.table import CompensationTable
 from app.compensation.table_field import table_field
 from app.effects.kinds.backlash import Backlash
@@ -25,6 +29,15 @@ from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, current_table, database_warnings, table_at
 from app.services.load_machine import lacks_reading, load_machine, restore_past
+from app.stated import (
+    Direction,
+    MachineState,
+    MissingComponents,
+    Point,
+    Schema,
+    Temperatures,
+    signs_of,
+)
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine, Travel
 from app.thermal.thermal_field import MEAN_OF_BOTH, Directions
@@ -32,29 +45,91 @@ from app.thermal.thermal_field import MEAN_OF_BOTH, Directions
 Triple = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class FieldQuestion:
-    """At which temperatures a field is asked, and under which conditions.
+class TableQuestion(Schema):
+    """At which temperatures a machine's errors are asked, what is missing counting as zero.
 
-    Parameters
-    ----------
-    temperatures_c
-        Sensor to temperature [°C], one mapping for each thermal state; None for the
-        latest reading.
-    directions
-        Direction of approach of each axis.
-    missing_as_zero
-        Whether components that no two maps have may count as zero.
-    state
-        The machine's state; with the latest reading's temperatures it takes precedence over what
-        the readings say.
+    The stated `state` takes precedence over what the latest reading says.
     """
 
-    temperatures_c: Sequence[Mapping[str, float]] | None = None
-    tool_offset_mm: Triple = (0.0, 0.0, 0.0)
-    directions: Directions = MEAN_OF_BOTH
-    missing_as_zero: bool = False
-    state: Mapping[str, float] = field(default_factory=dict)
+    temperatures_c: Temperatures | None = Field(
+        None, description="Temperatures by sensor [°C]; those of the latest reading if left out"
+    )
+    state: MachineState = Field(default_factory=dict)
+    tool_offset_mm: Point = Field(
+        (0.0, 0.0, 0.0), description="Tool offset X, Y, Z [mm]", examples=[[0, 0, 160]]
+    )
+
+    @property
+    def thermal_states(self) -> Sequence[Mapping[str, float]] | None:
+        """The temperatures of each thermal state; None for the latest reading."""
+        return None if self.temperatures_c is None else [self.temperatures_c]
+
+    @property
+    def directions(self) -> Directions:
+        """Direction of approach of each axis."""
+        return MEAN_OF_BOTH
+
+    @property
+    def missing_as_zero(self) -> bool:
+        """Whether components that no two maps have may count as zero."""
+        return True
+
+
+class FieldQuestion(TableQuestion):
+    """At which temperatures the machine's errors are asked, and under which conditions."""
+
+    direction: Direction = Field(
+        None,
+        description="Direction of approach, of all axes or of each; the mean of both where it is "
+        "not stated",
+        examples=[{"x": "+", "y": "-"}],
+    )
+    missing_components: MissingComponents
+
+    @property
+    def directions(self) -> Directions:
+        """Direction of approach of each axis."""
+        return signs_of(self.direction)
+
+    @property
+    def missing_as_zero(self) -> bool:
+        """Whether components that no two maps have may count as zero."""
+        return self.missing_components == "zero"
+
+
+Volume = Annotated[
+    dict[str, Travel],
+    Field(
+        default_factory=dict,
+        description="Range of each axis [mm]; its travel where it is left out",
+        examples=[{"x": {"min_mm": 100, "max_mm": 400}}],
+    ),
+]
+
+
+class VolumeQuestion(FieldQuestion):
+    """The same over a work volume."""
+
+    volume: Volume
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnswerHead(Answer):
+    """What every answer about the machine in three dimensions says of itself."""
+
+    machine: Annotated[str, Field(examples=["mcfv5050"])]
+    """The machine's id"""
+    model_version: Annotated[int, Field(examples=[3])]
+    """Version of the model"""
+    computed_at: datetime
+    """When it was computed, UTC"""
+    complete: bool
+    """Whether no component and no adopted effect is missing, none rests on an old temperature or on
+    a reading that arrived before its time, or ends where other maps of it go on"""
+    warnings: Sequence[str]
+    """All that is not as it should be, in sentences"""
+    counted_as_zero: Annotated[Sequence[str], Field(examples=[["ECZ"]])]
+    """Components that no two maps have and that count as zero"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,11 +167,22 @@ class FieldAnswer:
         """Whether nothing counts as zero, and every table is complete."""
         return not self.counted_as_zero and all(table.complete for table in self.tables)
 
+    def head(self, remarks: Sequence[str] = ()) -> dict[str, Any]:
+        """Give the fields of `AnswerHead`; remarks come after its warnings."""
+        return {
+            "machine": self.machine.id,
+            "model_version": self.model_version,
+            "computed_at": self.computed_at,
+            "complete": self.complete,
+            "warnings": [*self.warnings, *remarks],
+            "counted_as_zero": self.counted_as_zero,
+        }
+
 
 def ask_field(
     context: Context,
     machine_id: str,
-    question: FieldQuestion,
+    question: TableQuestion,
     *,
     orientation: bool = True,
     needed: Sequence[str] | None = None,
@@ -191,6 +277,15 @@ def work_volume(
     return WorkVolume(ranges["x"], ranges["y"], ranges["z"]), remarks
 
 
+def volume_of(volume: WorkVolume) -> dict[str, Travel]:
+    """Give the range of each axis that the machine has."""
+    return {
+        axis: Travel(low, high)
+        for axis, (low, high) in zip(LINEAR_LETTERS, volume.ranges_mm, strict=True)
+        if low < high
+    }
+
+
 def check_travel(machine: Machine, axis: str, range_mm: Range, field: str) -> None:
     """Refuse a range of positions that leaves an axis' stated travel."""
     travel = machine.axes.get(axis)
@@ -206,9 +301,9 @@ def _tables(
     context: Context,
     machine_id: str,
     live: LiveMachine,
-    question: FieldQuestion,
+    question: TableQuestion,
 ) -> list[CompensationTable]:
-    temperatures_c, state = question.temperatures_c, question.state
+    temperatures_c, state = question.thermal_states, question.state
     if temperatures_c is None:
         if lacks_reading(context, live):
             with suppress(StorageUnavailable, UnknownThing):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from app.answer import Answer, Code, TemperaturesC, UnitSymbol
 from app.arrays import FloatArray
@@ -29,21 +29,86 @@ from app.controllers.option_fields import OptionField, option_fields
 from app.controllers.read import read_files
 from app.controllers.registry import FORMATS, format_named, options_of
 from app.errors import ThermapError, UnknownThing
-from app.services.ask_field import FieldQuestion, ask_field
+from app.services.ask_field import TableQuestion, ask_field
 from app.services.context import Context
 from app.services.live_table import table_at
 from app.services.load_machine import load_machine
+from app.stated import Name, Number, Point, Schema, Temperatures
 
-Temperatures = Mapping[str, float]
+StatedOptions = Annotated[
+    dict[str, Any],
+    Field(
+        default_factory=dict,
+        max_length=100,
+        description="Options of the format, as `GET /v1/controllers` lists them",
+        examples=[{"sign": "error"}],
+    ),
+]
 
 
-@dataclass(frozen=True, slots=True)
-class BandsWanted:
-    """From where to where [°C], and how far one table may be from the next [µm]."""
+class BandsRequest(Schema):
+    """A range of temperatures over which a set of tables is wanted."""
 
-    from_c: Temperatures
-    to_c: Temperatures
-    largest_step_um: float
+    from_c: Temperatures = Field(description="Temperatures at one end [°C]")
+    to_c: Temperatures = Field(description="Temperatures of the same sensors at the other end [°C]")
+    largest_step_um: Annotated[Number, Field(gt=0, le=1e6)] = Field(
+        description="So much a component may change from one table to the next [µm; angles µrad]"
+    )
+
+
+class _FilesQuestion(TableQuestion):
+    """At which temperatures a controller's files are asked for."""
+
+    tool_offset_mm: Point = Field(
+        (0.0, 0.0, 0.0),
+        description="Tool offset X, Y, Z [mm] at which angular errors are sized",
+        examples=[[0, 0, 160]],
+    )
+    options: StatedOptions
+
+
+class ExportRequest(_FilesQuestion):
+    """What is to be exported: at which temperatures, with which options, over which bands."""
+
+    bands: BandsRequest | None = Field(
+        None,
+        description="A set of tables over a range of temperatures, for a controller that cannot "
+        "ask a service; other sensors keep `temperatures_c`",
+    )
+
+
+class ControllerFileSchema(Schema):
+    """One file of a controller."""
+
+    name: Name = Field(description="Its name", examples=["x.comp"])
+    content: Annotated[str, Field(max_length=4_000_000)] = Field(description="Its text")
+
+
+def _parsed(files: list[ControllerFileSchema]) -> list[ControllerFile]:
+    return [ControllerFile(file.name, file.content) for file in files]
+
+
+if TYPE_CHECKING:
+    Files: TypeAlias = list[ControllerFile]
+else:
+    Files = Annotated[
+        list[ControllerFileSchema],
+        Field(min_length=1, max_length=100, description="All files of one controller"),
+        AfterValidator(_parsed),
+    ]
+
+
+class ParseRequest(Schema):
+    """Files that are to be read."""
+
+    files: Files
+    options: StatedOptions
+
+
+class CompareRequest(_FilesQuestion):
+    """Files that are compared with what they should hold, at which temperatures."""
+
+    files: Files
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,19 +280,14 @@ def export_compensation(
     context: Context,
     machine_id: str,
     controller_name: str,
-    raw_options: Mapping[str, Any],
-    question: FieldQuestion,
-    bands: BandsWanted | None = None,
+    request: ExportRequest,
 ) -> Exported:
     """Write a controller's files for a machine; nothing is stored.
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`, of one thermal state.
-    bands
-        A range of temperatures over which a set of tables is wanted; the question's temperatures
-        are those of the sensors that the range leaves alone.
+    context, machine_id, request
+        As `ask_field`.
 
     Raises
     ------
@@ -235,28 +295,28 @@ def export_compensation(
         As `ask_field`, `options_of` and `export`; whatever is refused, nothing is written.
     """
     controller = format_named(controller_name)
-    options = options_of(controller, raw_options)
+    options = options_of(controller, request.options)
     sign = controller.sign_of(options)
-    if bands is None:
-        table, complete = _error_table(context, machine_id, question)
+    if request.bands is None:
+        table, complete = _error_table(context, machine_id, request)
         rendered = export(controller, table, options)
         return _exported(controller, sign, table, rendered, complete=complete)
-    return _export_bands(context, machine_id, (controller, options), question, bands)
+    return _export_bands(context, machine_id, (controller, options), request, request.bands)
 
 
 def _export_bands(
     context: Context,
     machine_id: str,
     written: tuple[Format, Options],
-    question: FieldQuestion,
-    wanted: BandsWanted,
+    question: TableQuestion,
+    wanted: BandsRequest,
 ) -> Exported:
     controller, options = written
-    others: Temperatures = (question.temperatures_c or [{}])[0]
+    others = question.temperatures_c or {}
     current = (context.live.get(machine_id) or load_machine(context, machine_id)).current
     machine, now = current.model.machine, context.now()
 
-    def curves_at(temperatures_c: Temperatures) -> Mapping[str, Curve]:
+    def curves_at(temperatures_c: Mapping[str, float]) -> Mapping[str, Curve]:
         table = table_at(current, temperatures_c, now, (), question.state)
         return wanted_of(controller, ErrorTable.of(table, machine), options).table.curves
 
@@ -267,7 +327,7 @@ def _export_bands(
     tables: list[ErrorTable] = []
     complete, before = True, 0
     for i, band in enumerate(bands):
-        question_of_band = replace(question, temperatures_c=[band.at_c])
+        question_of_band = question.model_copy(update={"temperatures_c": band.at_c})
         table, whole = _error_table(context, machine_id, question_of_band)
         rendered = export(controller, table, controller.for_band(options, i, before))
         before += sum(len(curve.sides) for curve in rendered.loaded)
@@ -357,7 +417,7 @@ def _joined(bands: Sequence[tuple[BandExport, Export]], joint: Joint) -> Export:
 def writable_components(context: Context, machine_id: str, controller: Format) -> Sequence[str]:
     """List what an export would write at the latest reading; nothing where there is no table."""
     try:
-        table, _ = _error_table(context, machine_id, FieldQuestion(None, missing_as_zero=True))
+        table, _ = _error_table(context, machine_id, TableQuestion())
     except UnknownThing:
         raise
     except ThermapError:
@@ -411,16 +471,14 @@ def compare_files(
     context: Context,
     machine_id: str,
     controller_name: str,
-    files: Sequence[ControllerFile],
-    raw_options: Mapping[str, Any],
-    question: FieldQuestion,
+    request: CompareRequest,
 ) -> Compared:
     """Compare what a controller holds with what it should hold.
 
     Parameters
     ----------
-    context, machine_id, question
-        As `ask_field`, of one thermal state.
+    context, machine_id, request
+        As `ask_field`.
 
     Raises
     ------
@@ -428,8 +486,8 @@ def compare_files(
         As `ask_field`, `parse_files` and `compare`.
     """
     controller = format_named(controller_name)
-    options, loaded = read_files(controller, files, raw_options)
-    table, complete = _error_table(context, machine_id, question)
+    options, loaded = read_files(controller, request.files, request.options)
+    table, complete = _error_table(context, machine_id, request)
     comparison = compare(controller, table, loaded, options)
     return Compared(
         **_head(controller, table, complete=complete),
@@ -440,7 +498,7 @@ def compare_files(
 
 
 def _error_table(
-    context: Context, machine_id: str, question: FieldQuestion
+    context: Context, machine_id: str, question: TableQuestion
 ) -> tuple[ErrorTable, bool]:
     """Give a machine's errors at one thermal state, and whether all of them are there."""
     answer = ask_field(context, machine_id, question, needed=())

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import monotonic
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 from sqlalchemy.orm import Session
 
 from app.answer import Answer, shown
@@ -21,6 +21,7 @@ from app.identification.analysis.tried_effect import TriedEffect
 from app.identification.fleet import FleetJudgement, Likeness, Member, Trial, judge_fleet, trials
 from app.services.analyses import cancel_analysis, queue_analysis, try_found_effect
 from app.services.context import Context, repeated
+from app.stated import Number, Schema
 from app.storage.analyses import find_analysis, list_analyses
 from app.storage.analysis_results import RESULTS
 from app.storage.machines import RowLock, find_machine, list_machines, stored_machine
@@ -44,23 +45,27 @@ MOST_TRIED: Final = 5000
 GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
 
 
-@dataclass(frozen=True, slots=True)
-class FleetQuestion:
-    """What every machine's analysis is asked; `kinds` of effects None for all of them.
+class FleetRequest(Schema):
+    """What the analysis of every machine is asked."""
 
-    Raises
-    ------
-    InvalidContent
-        If there is no such kind, or one is named twice.
-    """
+    model_config = ConfigDict(json_schema_extra={"example": {"effects": ["thermal-lag"]}})
 
-    kinds: Sequence[str] | None = None
-    holdout_fraction: float = HOLDOUT
+    effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Kinds of effects to look for; all of them where it is left out",
+        examples=[["thermal-lag", "backlash"]],
+    )
+    holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
+        HOLDOUT, description="Share of the visits that take no part in the search, below 0.9"
+    )
 
-    def __post_init__(self) -> None:
-        for kind in self.kinds or ():
+    @model_validator(mode="after")
+    def _know_the_kinds(self) -> Self:
+        """Refuse kinds that there are not, or twice."""
+        for kind in self.effects or ():
             kind_of(kind)
-        expect_each_once("effects", self.kinds or ())
+        expect_each_once("effects", self.effects or ())
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,13 +126,13 @@ def likeness_of(machine: Machine) -> Likeness:
     return machine.chain.text, tuple(travels), tuple(sorted(machine.sensors))
 
 
-def analyse_fleet(context: Context, question: FleetQuestion) -> FleetView:
+def analyse_fleet(context: Context, question: FleetRequest) -> FleetView:
     """Ask for the analyses that are missing, and for those again that failed or were cancelled."""
     to_ask = [member for member in _members(context, question) if member.to_be_asked]
     return _after(context, question, to_ask, _ask)
 
 
-def cancel_fleet(context: Context, question: FleetQuestion) -> FleetView:
+def cancel_fleet(context: Context, question: FleetRequest) -> FleetView:
     """Cancel those of its analyses that wait or run, whoever asked for them."""
     going_on = [member for member in _members(context, question) if member.is_going_on]
     # What waits first: else each that is cancelled would let another one begin.
@@ -139,13 +144,13 @@ def cancel_fleet(context: Context, question: FleetQuestion) -> FleetView:
     return _after(context, question, going_on, _cancel)
 
 
-def _members(context: Context, question: FleetQuestion) -> list[FleetMember]:
+def _members(context: Context, question: FleetRequest) -> list[FleetMember]:
     with context.database.reading() as session:
         return [_member(session, machine, question) for machine in list_machines(session)]
 
 
 @repeated
-def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
+def _ask(context: Context, machine_id: str, question: FleetRequest) -> bool:
     """Ask for a machine's analysis, unless somebody else did meanwhile."""
     with context.database.writing() as session:
         stored = stored_machine(find_machine(session, machine_id, RowLock.CHANGED))
@@ -157,7 +162,7 @@ def _ask(context: Context, machine_id: str, question: FleetQuestion) -> bool:
         return True
 
 
-def _cancel(context: Context, machine_id: str, question: FleetQuestion) -> bool:
+def _cancel(context: Context, machine_id: str, question: FleetRequest) -> bool:
     """Cancel a machine's analysis, unless it ended meanwhile."""
     with context.database.reading() as session:
         member = _member(session, stored_machine(find_machine(session, machine_id)), question)
@@ -169,9 +174,9 @@ def _cancel(context: Context, machine_id: str, question: FleetQuestion) -> bool:
 
 def _after(
     context: Context,
-    question: FleetQuestion,
+    question: FleetRequest,
     members: Sequence[FleetMember],
-    act: Callable[[Context, str, FleetQuestion], bool],
+    act: Callable[[Context, str, FleetRequest], bool],
 ) -> FleetView:
     """Do it to one machine after the other, and gather what was refused of it."""
     done: list[str] = []
@@ -187,7 +192,7 @@ def _after(
     return replace(show_fleet(context, question), done=done, refused=refused, queue_full=is_full)
 
 
-def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
+def show_fleet(context: Context, question: FleetRequest) -> FleetView:
     """Gather how far the machines' analyses are, and what they say together.
 
     An effect is tried on a sister as it stands; a question tries for `TRYING_S` at most, and
@@ -228,7 +233,7 @@ def show_fleet(context: Context, question: FleetQuestion) -> FleetView:
     return FleetView(members, len(wanted), len(wanted), judge_fleet(judged, answers))
 
 
-def _member(session: Session, stored: StoredMachine, question: FleetQuestion) -> FleetMember:
+def _member(session: Session, stored: StoredMachine, question: FleetRequest) -> FleetMember:
     machine = stored.machine
     if stored.active_version is None:
         return FleetMember(machine.id, machine.name, why_not="it has no model yet")
@@ -242,8 +247,8 @@ def _member(session: Session, stored: StoredMachine, question: FleetQuestion) ->
     return FleetMember(machine.id, machine.name, numbers, job)
 
 
-def _task(version: int, verifications: Sequence[int], question: FleetQuestion) -> AnalysisTask:
-    return AnalysisTask(version, verifications, question.holdout_fraction, question.kinds, SEED)
+def _task(version: int, verifications: Sequence[int], question: FleetRequest) -> AnalysisTask:
+    return AnalysisTask(version, verifications, question.holdout_fraction, question.effects, SEED)
 
 
 def _is_same(first: AnalysisTask, other: AnalysisTask) -> bool:

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
 from sqlalchemy.exc import IntegrityError
 
+from app.answer import Answer, shown
 from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.past import sensors_of
 from app.errors import Conflict, StorageUnavailable, list_names
@@ -301,13 +303,23 @@ def delete_machine(context: Context, machine_id: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Readiness:
-    """The database's state, how many machines' models are in memory, and room [bytes]."""
+class Readiness(Answer, published_as="ReadyAnswer", whole=False):
+    """Whether the database is there and the models are in memory."""
 
     database: str
+    """`ok`, or what is the matter"""
     machines: int
+    """Machines in the database"""
     machines_in_memory: int
+    """Machines whose model is in memory"""
     disk_free_bytes: int | None = None
+    """Free on the disk of the database's file [bytes]; null where that is not known, as on
+    PostgreSQL"""
+
+    @shown
+    def status(self) -> Annotated[str, Field(examples=["ready"])]:
+        """`ready` or `not-ready`."""
+        return "ready" if self.is_ready else "not-ready"
 
     @property
     def is_ready(self) -> bool:

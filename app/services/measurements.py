@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
-from app.arrays import FloatArray
 from app.errors import FieldError, InvalidContent, counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
 from app.measurement.result import MeasurementResult
-from app.measurement.step_diagonal_readings import Target, step_diagonal_readings
-from app.services.ask_field import FieldAnswer, FieldQuestion, Triple, ask_field, work_volume
+from app.measurement.step_diagonal_readings import step_diagonal_readings
+from app.rounding import Digits
+from app.services.ask_field import AnswerHead, FieldQuestion, Triple, ask_field, work_volume
 from app.services.context import Context
 from app.services.error_maps import (
     StoredOnce,
@@ -24,6 +26,7 @@ from app.services.error_maps import (
 )
 from app.services.load_machine import load_machine
 from app.services.models import Preview
+from app.stated import Integer, Number, Point
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, Travel
 
@@ -156,51 +159,79 @@ def travel_volume(machine: Machine, stated: Mapping[str, Travel]) -> WorkVolume 
     return WorkVolume(x, y, z)
 
 
-@dataclass(frozen=True, slots=True)
-class StepDiagonalPlan:
-    """A sequential step diagonal as it is planned.
+MOST_STEPS: Final = 1000
 
-    `origin_mm` and `step_mm` are None where the axes' travel is to be crossed in `steps`
-    even steps; `noise_um` is one reading's standard deviation, drawn with `seed`.
-    """
-
-    steps: int
-    origin_mm: Triple | None = None
-    step_mm: Triple | None = None
-    target: Target = "point"
-    mirror_tilts_urad: Mapping[str, Sequence[float]] | None = None
-    noise_um: float = 0.0
-    resolution_um: float | None = None
-    seed: int = 0
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+NotNegative = Annotated[Number, Field(ge=0, le=1e4)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SimulatedReadings:
-    """What would be read, by diagonal, rows of (n, 3) [µm]."""
+class StepDiagonalSimulation(FieldQuestion):
+    """A step diagonal that is planned, at stated temperatures or at the latest reading."""
 
-    answer: FieldAnswer
-    origin_mm: Triple
-    step_mm: Triple
-    diagonals: Mapping[str, FloatArray]
-    warnings: list[str]
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+                "steps": 10,
+                "noise_um": 0.2,
+                "missing_components": "zero",
+            }
+        }
+    )
+
+    steps: Annotated[Integer, Field(ge=1, le=MOST_STEPS)] = Field(
+        description="Number of steps of each axis", examples=[10]
+    )
+    origin_mm: Point | None = Field(
+        None, description="Lowest corner of the volume; the travel's if left out [mm]"
+    )
+    step_mm: Point | None = Field(
+        None, description="Length of a step of x, y, z; over the whole travel if left out [mm]"
+    )
+    target: Literal["point", "flat-mirror"] = Field("point", description="What reflects")
+    mirror_tilts_urad: dict[str, Pair] = Field(
+        default_factory=dict,
+        description="Diagonal to its mirror's two tilts: about the horizontal and the other "
+        "direction beside the diagonal [µrad]",
+    )
+    noise_um: NotNegative = Field(0.0, description="Standard deviation of one reading [µm]")
+    resolution_um: NotNegative | None = Field(
+        None, description="Readings are rounded to multiples of this [µm]"
+    )
+    seed: Annotated[Integer, Field(ge=0)] = Field(
+        0, description="Of the noise: the same seed gives the same readings"
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SimulatedStepDiagonal(AnswerHead):
+    """What a laser would read: the body of `…/measurements/step-diagonal`, and what it is of."""
+
+    origin_mm: Sequence[float]
+    """Lowest corner of the volume [mm]"""
+    step_mm: Sequence[float]
+    """Length of a step of x, y, z [mm]"""
+    tool_offset_mm: Sequence[float]
+    """Tool offset of the target's middle [mm]"""
+    target: str
+    """What reflects"""
+    temperatures_c: Mapping[str, float]
+    """Temperatures that were used [°C]"""
+    diagonals: Mapping[str, Sequence[Sequence[Digits]]]
+    """Diagonal to a row for each step: after x, after y, after z [µm]"""
 
 
 def simulate_step_diagonal(
-    context: Context, machine_id: str, question: FieldQuestion, plan: StepDiagonalPlan
-) -> SimulatedReadings:
+    context: Context, machine_id: str, plan: StepDiagonalSimulation
+) -> SimulatedStepDiagonal:
     """Walk the stored machine along its diagonals, and say what a laser would read.
-
-    Parameters
-    ----------
-    context, machine_id, question
-        As `ask_field`; one thermal state.
 
     Raises
     ------
     UnknownThing, NoReading, InvalidContent
         As `ask_field`; InvalidContent also if the steps leave the axes' travel.
     """
-    answer = ask_field(context, machine_id, question, orientation=False)
+    answer = ask_field(context, machine_id, plan, orientation=False)
     volume, remarks = work_volume(answer)
     origin, step = _placed(plan, volume.ranges_mm)
     for i, (low, high) in enumerate(volume.ranges_mm):
@@ -217,18 +248,26 @@ def simulate_step_diagonal(
         origin,
         step,
         plan.steps,
-        tool_offset_mm=question.tool_offset_mm,
+        tool_offset_mm=plan.tool_offset_mm,
         target=plan.target,
         mirror_tilts_urad=plan.mirror_tilts_urad,
         noise_um=plan.noise_um,
         rng=np.random.default_rng(plan.seed),
-        resolution_um=plan.resolution_um,
+        resolution_um=plan.resolution_um or None,
     )
-    return SimulatedReadings(answer, origin, step, diagonals, [*answer.warnings, *remarks])
+    return SimulatedStepDiagonal(
+        **answer.head(remarks),
+        origin_mm=origin,
+        step_mm=step,
+        tool_offset_mm=plan.tool_offset_mm,
+        target=plan.target,
+        temperatures_c=answer.temperatures_c[0],
+        diagonals={name: rows.tolist() for name, rows in diagonals.items()},
+    )
 
 
 def _placed(
-    plan: StepDiagonalPlan, ranges_mm: Sequence[tuple[float, float]]
+    plan: StepDiagonalSimulation, ranges_mm: Sequence[tuple[float, float]]
 ) -> tuple[Triple, Triple]:
     """Place the steps: as planned, or over the whole travel."""
     x, y, z = plan.origin_mm or tuple(low for low, _ in ranges_mm)

@@ -17,7 +17,7 @@ from app.effects.past import needed_past
 from app.effects.projection import missing_at_points
 from app.errors import InvalidContent, NotEnoughMaps, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
-from app.services.ask_field import FieldQuestion, Triple, ask_field, missing_refused
+from app.services.ask_field import TableQuestion, Triple, ask_field, missing_refused
 from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
@@ -270,7 +270,7 @@ def predict_part(
     InvalidContent
         As `ask_field`.
     """
-    question = FieldQuestion([temperatures_c], tool_offset_mm, missing_as_zero=True)
+    question = TableQuestion(temperatures_c=dict(temperatures_c), tool_offset_mm=tool_offset_mm)
     try:
         field_answer = ask_field(context, machine_id, question, orientation=False)
     except NotEnoughMaps:

@@ -15,7 +15,7 @@ from app.geometry.volumetric_accuracy import VolumetricAccuracy, volumetric_accu
 from app.geometry.work_volume import WorkVolume
 from app.pictures.exaggeration import automatic_exaggeration, checked_exaggeration
 from app.pictures.slices import Slice, slice_volume
-from app.services.ask_field import FieldAnswer, FieldQuestion, Triple, ask_field, work_volume
+from app.services.ask_field import FieldAnswer, TableQuestion, Triple, ask_field, work_volume
 from app.services.context import Context
 from app.services.status import machine_in_memory, status_of, stored_of_machines
 from app.status.machine_status import MachineStatus
@@ -94,7 +94,7 @@ def show_volume(
     """
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
-    question = FieldQuestion(tool_offset_mm=tool_offset_mm, missing_as_zero=True)
+    question = TableQuestion(tool_offset_mm=tool_offset_mm)
     try:
         answer = ask_field(context, machine_id, question)
         volume, remarks = work_volume(answer, None)

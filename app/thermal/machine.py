@@ -7,10 +7,15 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
+from pydantic import Field
+
+from app.answer import Answer
 from app.errors import InvalidContent, UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
+from app.stated import Millimetres
 from app.units import KELVIN_AT_0_C, MM_PER_M
 
 DEFAULT_STAND_INS = {"x-middle": "y-front"}
@@ -48,11 +53,13 @@ class SameTemperature(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Travel:
-    """The travel of an axis [mm]."""
+class Travel(Answer, published_as="TravelSchema", stated=True):
+    """The travel of an axis."""
 
-    min_mm: float
-    max_mm: float
+    min_mm: Annotated[Millimetres, Field(examples=[0])]
+    """Lower end of the travel [mm]"""
+    max_mm: Annotated[Millimetres, Field(examples=[500])]
+    """Upper end of the travel [mm]"""
 
     def holds(self, *positions_mm: float) -> bool:
         """Say whether positions are on the axis, but for the rounding with which they are written.

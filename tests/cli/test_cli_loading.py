@@ -11,7 +11,7 @@ from app.cli.application import COMMANDS, load
 from tests.cli.conftest import ENVIRONMENT
 
 HEAVY = {
-    *("thermap.calls", "httpx", "app.services", "app.storage", "app.api.schemas.base"),
+    *("thermap.calls", "httpx", "app.services", "app.storage", "app.stated"),
     *("scipy", "numpy", "sqlalchemy", "alembic", "fastapi", "uvicorn", "plotly"),
 }
 SERVICE = {

@@ -14,8 +14,6 @@ from app.api.methods.shapes import (
     MeasurementRequest,
     Runs,
 )
-from app.api.schemas.base import Schema
-from app.api.schemas.error_field import Volume
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -37,9 +35,11 @@ from app.files.delimited_text import DelimitedText
 from app.measurement.body_diagonal import body_diagonal
 from app.pages.wording import message
 from app.rounding import Micro
+from app.services.ask_field import Volume
 from app.services.context import Context
 from app.services.measurements import travel_volume
-from app.thermal.machine import Machine, Travel
+from app.stated import Schema
+from app.thermal.machine import Machine
 
 
 class DiagonalRunsSchema(Schema):
@@ -98,11 +98,10 @@ class BodyDiagonalAnswer(MeasurementAnswer):
 
 
 def _evaluate(_context: Context, machine: Machine, body: BodyDiagonalRequest) -> Evaluated:
-    # Over the axes' travel where no volume is stated.
-    travels = {axis: Travel(t.min_mm, t.max_mm) for axis, t in body.volume.items()}
     evaluated = body_diagonal(
         {name: runs.readings() for name, runs in body.diagonals.items()},
-        volume=travel_volume(machine, travels),
+        # Over the axes' travel where no volume is stated.
+        volume=travel_volume(machine, body.volume),
         chain=machine.chain,
         repeatability_um=body.repeatability_um,
     )

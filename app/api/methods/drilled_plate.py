@@ -13,8 +13,6 @@ from app.api.methods.shapes import (
     MeasurementAnswer,
     MeasurementRequest,
 )
-from app.api.schemas.base import Millimetres, Number, Point, Schema
-from app.api.schemas.in_pieces import InPieces
 from app.errors import InvalidContent
 from app.files.csv_columns import (
     EXPANSION,
@@ -31,10 +29,12 @@ from app.files.csv_measurements.formats import (
     Format,
 )
 from app.files.delimited_text import DelimitedText
+from app.in_pieces import InPieces
 from app.measurement.drilled_plate import evaluate_drilled_plate
 from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
+from app.stated import Millimetres, Number, Point, Schema
 from app.thermal.machine import Machine
 
 PlanePoint = Annotated[list[Millimetres], Field(min_length=2, max_length=2)]
@@ -70,7 +70,7 @@ class DrilledPlateRequest(MeasurementRequest):
         None, description="Machine position at the plate's nominal zero [mm]"
     )
     tool_offset_mm: Point = Field(
-        [0.0, 0.0, 0.0], description="Tool offset with which it was drilled [mm]"
+        (0.0, 0.0, 0.0), description="Tool offset with which it was drilled [mm]"
     )
     expansion_um_per_m_k: Number = Field(
         0.0, description="The plate's coefficient of expansion, per K [µm/m]", examples=[11.5]

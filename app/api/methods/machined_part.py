@@ -15,8 +15,6 @@ from app.api.methods.shapes import (
     MeasurementRequest,
     Runs,
 )
-from app.api.schemas.base import Point, Schema
-from app.api.schemas.error_field import triple
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -44,6 +42,7 @@ from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
 from app.services.predictions import predict_part
+from app.stated import Point, Schema
 from app.thermal.machine import Machine
 
 
@@ -76,7 +75,7 @@ class MachinedPartRequest(MeasurementRequest):
         None, description="A point of the machine's path along the edge [mm]"
     )
     tool_offset_mm: Point = Field(
-        [0.0, 0.0, 0.0], description="Tool offset with which it was cut [mm]"
+        (0.0, 0.0, 0.0), description="Tool offset with which it was cut [mm]"
     )
 
 
@@ -128,15 +127,14 @@ def _evaluate(context: Context, machine: Machine, body: MachinedPartRequest) -> 
     """Evaluate the edge, beside what the active model says of it at its temperatures."""
     predicted = None
     if body.temperatures_c:
-        path = body.measuring_line_mm
         predicted = predict_part(
             context,
             machine.id,
             as_straightness(body.component),
             np.array(body.positions_mm, dtype=np.float64),
             body.temperatures_c,
-            None if path is None else triple(path),
-            triple(body.tool_offset_mm),
+            body.measuring_line_mm,
+            body.tool_offset_mm,
         )
     evaluated = evaluate_machined_part(
         body.component,

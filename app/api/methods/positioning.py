@@ -17,7 +17,6 @@ from app.api.methods.shapes import (
     MeasurementRequest,
     Runs,
 )
-from app.api.schemas.base import Number, Schema
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -44,6 +43,7 @@ from app.measurement.positioning import Positioning, evaluate_positioning
 from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
+from app.stated import Number, Schema
 from app.thermal.machine import Machine
 
 

@@ -12,8 +12,6 @@ from app.api.methods.shapes import (
     MeasurementAnswer,
     MeasurementRequest,
 )
-from app.api.schemas.base import Number, Point, Schema
-from app.api.schemas.in_pieces import InPieces
 from app.files.csv_columns import (
     ANGLE,
     POSITION,
@@ -28,10 +26,12 @@ from app.files.csv_measurements.formats import (
     axis_among,
 )
 from app.files.delimited_text import DelimitedText
+from app.in_pieces import InPieces
 from app.measurement.rotary_axis import measure_rotary_axis
 from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
+from app.stated import Number, Point, Schema
 from app.thermal.machine import Machine
 
 
@@ -62,7 +62,7 @@ class RotaryAxisRequest(MeasurementRequest):
     points: Annotated[list[BallSchema], InPieces(5000)] = Field(
         description="The ball at each angle"
     )
-    pivot_mm: Point = Field([0.0, 0.0, 0.0], description="A point of the nominal axis [mm]")
+    pivot_mm: Point = Field((0.0, 0.0, 0.0), description="A point of the nominal axis [mm]")
 
 
 class PathErrorsAnswer(Schema):

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from app.api.schemas.base import Millimetres, Name, Number, Schema, Temperatures, UtcTime
 from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.field_errors import way_of
 from app.rounding import Digits
 from app.services.models import Preview
+from app.stated import Millimetres, Name, Number, Schema, Temperatures, UtcTime
 
 if TYPE_CHECKING:
     from app.services.measurements import MapHeader, Measured

@@ -16,7 +16,6 @@ from app.api.methods.shapes import (
     Repeatability,
     Runs,
 )
-from app.api.schemas.base import Point
 from app.errors import list_names
 from app.files.csv_columns import (
     LENGTH,
@@ -44,6 +43,7 @@ from app.geometry.components import LINEAR_LETTERS, ROTATION_LETTERS
 from app.measurement.six_dof import evaluate_six_dof
 from app.pages.wording import message
 from app.services.context import Context
+from app.stated import Point
 from app.thermal.machine import Machine
 
 
@@ -85,7 +85,7 @@ class SixDofRequest(MeasurementRequest):
         None, description="A point of the line on which the reflector moved [mm]"
     )
     tool_offset_mm: Point = Field(
-        [0.0, 0.0, 0.0], description="Offset of the reflector as a tool [mm]"
+        (0.0, 0.0, 0.0), description="Offset of the reflector as a tool [mm]"
     )
     straightness_line: Literal["as-read", "end-points", "least-squares"] = Field(
         "as-read", description="The line that is taken out of the straightness readings"

@@ -12,7 +12,6 @@ from app.api.methods.shapes import (
     MeasurementAnswer,
     MeasurementRequest,
 )
-from app.api.schemas.base import Number, Point
 from app.api.schemas.error_maps import ComponentSchema
 from app.errors import InvalidContent
 from app.files.csv_columns import (
@@ -39,6 +38,7 @@ from app.measurement.step_diagonal import step_diagonal
 from app.pages.wording import message
 from app.rounding import Micro
 from app.services.context import Context
+from app.stated import Number, Point
 from app.thermal.machine import Machine
 
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -75,7 +75,7 @@ class StepDiagonalRequest(MeasurementRequest):
         "end-points", description="The line from which straightness counts"
     )
     tool_offset_mm: Point = Field(
-        [0.0, 0.0, 0.0], description="Tool offset of the target's middle [mm]"
+        (0.0, 0.0, 0.0), description="Tool offset of the target's middle [mm]"
     )
     target: Literal["point", "flat-mirror"] = Field(
         "point", description="What reflects; it decides what known angular errors do"

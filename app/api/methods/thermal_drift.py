@@ -16,10 +16,7 @@ from app.api.methods.shapes import (
     MeasurementRequest,
     answer_fields,
 )
-from app.api.schemas.base import MachineState, Millimetres, Number, Point, Schema, UtcTime
-from app.api.schemas.error_field import triple
 from app.api.schemas.error_maps import ComponentAnswer
-from app.api.schemas.in_pieces import InPieces
 from app.decimal_text import read_number
 from app.errors import InvalidContent
 from app.files.csv_columns import (
@@ -39,6 +36,7 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.geometry.components import LINEAR_LETTERS
+from app.in_pieces import InPieces
 from app.measurement.thermal_drift import ThermalDrift, evaluate_thermal_drift
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.rounding import Digits
@@ -52,6 +50,7 @@ from app.services.thermal_drift import (
     keep_drift,
     running_of,
 )
+from app.stated import MachineState, Millimetres, Number, Point, Schema, UtcTime
 from app.thermal.machine import Machine
 from app.units import SECONDS_PER_MIN, read_time
 
@@ -150,7 +149,7 @@ class ThermalDriftRequest(MeasurementRequest):
         "verifications of displacements need it",
     )
     tool_offset_mm: Point = Field(
-        [0.0, 0.0, 0.0], description="Offset, as a tool, of the place that x, y and z read [mm]"
+        (0.0, 0.0, 0.0), description="Offset, as a tool, of the place that x, y and z read [mm]"
     )
     components: dict[str, str] = Field(
         default_factory=dict,
@@ -283,8 +282,7 @@ def _store(
     storing: Storing,
 ) -> ThermalDriftAnswer:
     """Make a map of each state, all of them or none, and keep the course as a verification."""
-    point = None if body.point_mm is None else triple(body.point_mm)
-    nest = Nest(point, triple(body.tool_offset_mm))
+    nest = Nest(body.point_mm, body.tool_offset_mm)
     stored_drift = keep_drift(
         context, machine, body.header(), evaluated.drift, nest, body.recorded(), storing
     )

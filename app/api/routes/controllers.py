@@ -17,17 +17,14 @@ from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import JSON, ZIP
 from app.api.negotiation import chosen_form
 from app.api.router import Router
-from app.api.schemas.controllers import (
-    CompareRequest,
-    ExportRequest,
-    ParseRequest,
-    files_of,
-)
 from app.services.controllers import (
     Compared,
+    CompareRequest,
     DescribedFormats,
     Exported,
+    ExportRequest,
     ParsedFiles,
+    ParseRequest,
     compare_files,
     describe_formats,
     export_compensation,
@@ -82,10 +79,7 @@ def post_export(
     rounding add, and which moves show whether the sign is right. As a zip it has the same in
     `thermap-answer.json`.
     """
-    bands = None if body.bands is None else body.bands.wanted()
-    exported = export_compensation(
-        context, machine, controller, body.options, body.question(), bands
-    )
+    exported = export_compensation(context, machine, controller, body)
     if chosen_form(accept, [JSON, ZIP]) == ZIP:
         return Response(_zip(exported), media_type=ZIP, headers={"Vary": "Accept"})
     written = _EXPORTED.dump_json(exported)
@@ -102,9 +96,7 @@ def post_compare(
     context: ContextDep, machine: MachinePath, controller: ControllerQuery, body: CompareRequest
 ) -> Compared:
     """Compare a controller's files with the table: forgotten, stale and foreign compensation."""
-    return compare_files(
-        context, machine, controller, files_of(body.files), body.options, body.question()
-    )
+    return compare_files(context, machine, controller, body)
 
 
 @router.post(
@@ -115,7 +107,7 @@ def post_compare(
 @needs(Role.VIEWER)
 def post_parse(controller: ControllerPath, body: ParseRequest) -> ParsedFiles:
     """Say what files hold, in our sign and units; what would be read wrongly is refused."""
-    return parse_files(controller, files_of(body.files), body.options)
+    return parse_files(controller, body.files, body.options)
 
 
 def _zip(answer: Exported) -> bytes:

@@ -12,10 +12,10 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
 from app.api.routes.readings import SinceQuery, UntilQuery
-from app.api.schemas.base import StoredInteger
 from app.csv_text import csv_line
 from app.events.event import Event, EventKind, Events
 from app.services.events import show_events
+from app.stated import StoredInteger
 
 router = Router(route_class=BodyRoute, prefix="/v1", tags=["events"])
 

@@ -8,10 +8,9 @@ from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, FleetQuestionQuery, RunnerDep
 from app.api.router import Router
 from app.api.schemas.analyses import TriedEffectRequest
-from app.api.schemas.fleet import FleetRequest
 from app.identification.analysis.tried_effect import TriedEffect
 from app.services.analyses import try_found_effect
-from app.services.fleet import FleetView, analyse_fleet, cancel_fleet, show_fleet
+from app.services.fleet import FleetRequest, FleetView, analyse_fleet, cancel_fleet, show_fleet
 
 router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
 
@@ -37,7 +36,7 @@ def post_analyses(
 
     What was asked already serves, by whomever. `refused` says which machine's could not be asked.
     """
-    view = analyse_fleet(context, (body or FleetRequest()).to_question())
+    view = analyse_fleet(context, body or FleetRequest())
     runner.wake()
     return view
 
@@ -48,7 +47,7 @@ def post_cancel(
     context: ContextDep, runner: RunnerDep, body: FleetRequest | None = None
 ) -> FleetView:
     """Cancel the waiting and running analyses that asked this; finished ones stay."""
-    view = cancel_fleet(context, (body or FleetRequest()).to_question())
+    view = cancel_fleet(context, body or FleetRequest())
     runner.wake()
     return view
 

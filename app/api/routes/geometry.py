@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
 import orjson
 from fastapi import Header, Query
 from starlette.responses import Response
@@ -16,28 +15,21 @@ from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
 from app.api.negotiation import chosen_form
 from app.api.router import Router
-from app.api.schemas.accuracy import (
-    AccuracyAnswer,
-    AccuracyRequest,
-    LevelAnswer,
-    LevelsAnswer,
-    LevelsRequest,
-    LinesRequest,
-    volume_of,
-)
-from app.api.schemas.error_field import head_of
-from app.api.schemas.grids import GridAnswer, GridRequest
-from app.api.schemas.rotary import RotaryErrorAnswer, RotaryErrorRequest
-from app.api.schemas.volumetric_error import VolumetricErrorAnswer, VolumetricErrorRequest
 from app.api.table_json import OPTIONS
 from app.api.vectors import vectors_response
-from app.arrays import largest_length, rms_length
-from app.geometry.line_accuracy import LineAccuracy, line_accuracy
+from app.geometry.line_accuracy import LineAccuracy, LinesRequest, line_accuracy
 from app.geometry.nonrigid_presets import NONRIGID_PRESETS, NonrigidPreset
-from app.rounding import rounded, rounded_up, to_tenth_nm
-from app.services.compute_grid import Grid, compute_grid, grid_for_tolerance
+from app.services.compute_grid import Grid, GridRequest, compute_grid
 from app.services.geometry import (
+    Accuracy,
+    AccuracyRequest,
+    Levels,
+    LevelsRequest,
     NeededComponents,
+    RotaryError,
+    RotaryErrorRequest,
+    VolumetricError,
+    VolumetricErrorRequest,
     assess_accuracy,
     check_components,
     compare_levels,
@@ -67,7 +59,7 @@ _VECTORS: dict[int | str, dict[str, Any]] = {
 @router.post(
     MACHINE + "/volumetric-error",
     summary="Volumetric error at points",
-    response_model=VolumetricErrorAnswer,
+    response_model=VolumetricError,
     responses=_VECTORS,
     openapi_extra=body_of_at_most(64),
 )
@@ -84,27 +76,14 @@ def post_volumetric_error(
     x, y, z [µm] and orientation x, y, z [µrad]; as an Arrow stream it has these as
     columns. What JSON says beside the numbers is then in the header `Thermap-Answer`.
     """
-    errors = compute_volumetric_error(
-        context,
-        machine,
-        body.question(),
-        np.asarray(body.points_mm),
-        outside_travel_allowed=body.outside_travel == "allow",
-    )
-    head = head_of(errors.answer, errors.warnings)
-    form = chosen_form(accept, [JSON, NPY, ARROW])
-    if form == JSON:
-        head["outside_travel"] = errors.outside_travel
-    errors_um, orientation_urad = errors.errors_um, errors.orientation_urad
-    if body.several_states and errors_um.ndim == 2:
-        errors_um, orientation_urad = errors_um[None], orientation_urad[None]
-    return vectors_response(form, head, errors_um, orientation_urad)
+    errors = compute_volumetric_error(context, machine, body)
+    return vectors_response(chosen_form(accept, [JSON, NPY, ARROW]), errors)
 
 
 @router.post(
     MACHINE + "/compensation/grid",
     summary="Grid of errors for a controller that interpolates trilinearly",
-    response_model=GridAnswer,
+    response_model=Grid,
 )
 @needs(Role.VIEWER)
 def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> Response:
@@ -112,26 +91,15 @@ def post_grid(context: ContextDep, machine: MachinePath, body: GridRequest) -> R
 
     Beside them stands, for each cell, how far trilinear interpolation is from the model.
     """
-    nodes = body.nodes()
-    if nodes is None:
-        tolerance_um = body.tolerance_um or 0.0
-        grid = grid_for_tolerance(context, machine, body.question(), tolerance_um, body.travels())
-    else:
-        x, y, z = (np.array(along, dtype=np.float64) for along in nodes)
-        grid = compute_grid(context, machine, body.question(), (x, y, z))
-    return Response(_grid_json(grid), media_type=JSON)
+    grid = compute_grid(context, machine, body)
+    return Response(orjson.dumps(grid, option=OPTIONS), media_type=JSON)
 
 
 @router.post(MACHINE + "/volumetric-accuracy", summary="Volumetric accuracy by every definition")
 @needs(Role.VIEWER)
-def post_accuracy(
-    context: ContextDep, machine: MachinePath, body: AccuracyRequest
-) -> AccuracyAnswer:
+def post_accuracy(context: ContextDep, machine: MachinePath, body: AccuracyRequest) -> Accuracy:
     """Measure the work volume by the chapter's sums, definitions 1 and 2, diagonals and lines."""
-    accuracy = assess_accuracy(context, machine, body.question(), body.travels())
-    return AccuracyAnswer.of(
-        head_of(accuracy.answer, accuracy.warnings), accuracy.volume, accuracy.accuracy
-    )
+    return assess_accuracy(context, machine, body)
 
 
 @router.post("/v1/volumetric-accuracy/from-lines", summary="ELv and ELSv from measured lines")
@@ -145,53 +113,27 @@ def post_accuracy_from_lines(body: LinesRequest) -> LineAccuracy:
     MACHINE + "/compensation/levels", summary="What better controllers would leave of the error"
 )
 @needs(Role.VIEWER)
-def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) -> LevelsAnswer:
+def post_levels(context: ContextDep, machine: MachinePath, body: LevelsRequest) -> Levels:
     """Compare controllers that know displacement, straightness, angles or slopes.
 
     Each level has the tables that such a controller needs, with squareness folded into
     straightness, and what it leaves of the volumetric error over the work volume.
     """
-    levels = compare_levels(context, machine, body.question(), body.travels(), body.points_per_axis)
-    return LevelsAnswer(
-        **head_of(levels.answer, levels.warnings),
-        volume=volume_of(levels.volume),
-        levels=[LevelAnswer.of(level) for level in levels.levels],
-    )
+    return compare_levels(context, machine, body)
 
 
 @router.post(
     MACHINE + "/rotary-axis-error",
     summary="What location errors of rotary axes do to carried points",
-    response_model=RotaryErrorAnswer,
+    response_model=RotaryError,
 )
 @needs(Role.VIEWER)
 def post_rotary_error(
     context: ContextDep, machine: MachinePath, body: RotaryErrorRequest
 ) -> Response:
     """Turn points about the axes where they are and where they should be: the difference."""
-    points_mm = np.array(body.points_mm, dtype=np.float64)
-    rotary = compute_rotary_error(
-        context,
-        machine,
-        body.question(),
-        points_mm,
-        body.angles(),
-        body.order,
-        body.pivots(),
-        body.compensated,
-    )
-    lengths = {
-        f"{which}{name}_um": to_tenth_nm(of(vectors))
-        for which, vectors in (("", rotary.errors_um), ("left_", rotary.left_um))
-        for name, of in (("rms", rms_length), ("max", largest_length))
-    }
-    fields = head_of(rotary.answer, list(rotary.answer.warnings)) | {
-        "errors_um": rounded(rotary.errors_um),
-        "left_um": rounded(rotary.left_um),
-        **lengths,
-        "locations": {code: to_tenth_nm(value) for code, value in rotary.locations.items()},
-    }
-    return Response(orjson.dumps(fields, option=OPTIONS), media_type=JSON)
+    rotary = compute_rotary_error(context, machine, body)
+    return Response(orjson.dumps(rotary, option=OPTIONS), media_type=JSON)
 
 
 @router.get(MACHINE + "/needed-components", summary="Which errors have to be measured")
@@ -219,18 +161,3 @@ def get_needed_components(
 def get_nonrigid_presets() -> list[NonrigidPreset]:
     """List which nonrigid slopes each kind of machine has (8.19–8.54)."""
     return list(NONRIGID_PRESETS.values())
-
-
-def _grid_json(found: Grid) -> bytes:
-    grid, difference = found.grid, found.difference
-    fields = head_of(found.answer, found.warnings) | {
-        "x_mm": grid.x_mm,
-        "y_mm": grid.y_mm,
-        "z_mm": grid.z_mm,
-        "errors_um": rounded(grid.errors_um),
-        "compensation_um": rounded(0.0 - grid.errors_um),
-        "largest_difference_um": rounded_up(difference.bound_length_um),
-        "attained_difference_um": rounded(difference.attained_length_um),
-        "largest_um": rounded_up(np.array(found.bound_um)).item(),
-    }
-    return orjson.dumps(fields, option=OPTIONS)

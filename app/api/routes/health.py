@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Annotated
+
 from fastapi import Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from pydantic import Field
 
 import app
 from app.access.keys import Role
+from app.answer import Answer
 from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.machine_metrics import machine_metrics
 from app.api.router import Router
-from app.api.schemas.health import HealthAnswer, ReadyAnswer
-from app.services.machines import without_answer
+from app.services.machines import Readiness, without_answer
 
 router = Router(route_class=BodyRoute, tags=["health"])
+
+
+@dataclass(frozen=True, slots=True)
+class HealthAnswer(Answer):
+    """The process lives."""
+
+    status: Annotated[str, Field(examples=["ok"])]
+    """`ok`"""
+    version: str
+    """Version of thermap"""
 
 
 @router.get("/healthz", summary="Process")
@@ -25,19 +39,13 @@ async def get_healthz() -> HealthAnswer:
     return HealthAnswer(status="ok", version=app.__version__)
 
 
-@router.get("/readyz", summary="Database and models", responses={503: {"model": ReadyAnswer}})
+@router.get("/readyz", summary="Database and models", responses={503: {"model": Readiness}})
 @needs(None)
-async def get_readyz(request: Request, context: ContextDep, response: Response) -> ReadyAnswer:
+async def get_readyz(request: Request, context: ContextDep, response: Response) -> Readiness:
     """Answer 200 when the database is there and every machine's model is in memory."""
-    readiness = await request.app.state.readiness.answer() or without_answer(context)
+    readiness: Readiness = await request.app.state.readiness.answer() or without_answer(context)
     response.status_code = 200 if readiness.is_ready else 503
-    return ReadyAnswer(
-        status="ready" if readiness.is_ready else "not-ready",
-        database=readiness.database,
-        machines=readiness.machines,
-        machines_in_memory=readiness.machines_in_memory,
-        disk_free_bytes=readiness.disk_free_bytes,
-    )
+    return readiness
 
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=Response)

@@ -23,9 +23,13 @@ from app.api.methods.method import Method
 from app.api.methods.registry import METHODS
 from app.api.methods.shapes import MeasurementAnswer
 from app.api.router import Router
-from app.api.schemas.step_diagonal_simulation import SimulatedStepDiagonal, StepDiagonalSimulation
 from app.api.turns import Turns
-from app.services.measurements import Storing, simulate_step_diagonal
+from app.services.measurements import (
+    SimulatedStepDiagonal,
+    StepDiagonalSimulation,
+    Storing,
+    simulate_step_diagonal,
+)
 
 router = Router(
     route_class=BodyRoute, prefix="/v1/machines/{machine}/measurements", tags=["measurements"]
@@ -88,5 +92,4 @@ def post_simulation(
     context: ContextDep, machine: MachinePath, body: StepDiagonalSimulation
 ) -> SimulatedStepDiagonal:
     """Walk the stored machine along its diagonals: for training, and to check a set-up."""
-    simulated = simulate_step_diagonal(context, machine, body.question(), body.plan())
-    return SimulatedStepDiagonal.of(body, simulated)
+    return simulate_step_diagonal(context, machine, body)

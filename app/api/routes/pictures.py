@@ -15,12 +15,11 @@ from app.api.media_types import HTML, JSON
 from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.router import Router
-from app.api.schemas.pictures import PictureRequest
 from app.pages.picture_page import picture_page
 from app.pages.plotly_script import INLINE
 from app.pictures.figure_json import figure_json
 from app.services.context import Context
-from app.services.geometry import picture_work_volume
+from app.services.geometry import PictureRequest, picture_work_volume
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
 
@@ -81,16 +80,9 @@ def post_picture(
 def _picture(
     context: Context, machine: str, body: PictureRequest, accept: str, plotly_js: str
 ) -> Response:
-    drawn = picture_work_volume(
-        context,
-        machine,
-        body.question(),
-        body.travels(),
-        body.exaggeration,
-        body.arrows_per_axis,
-    )
+    figure = picture_work_volume(context, machine, body)
     headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
     if chosen_form(accept, [JSON, HTML]) == HTML:
-        written = picture_page(drawn.figure, plotly_js=plotly_js)
+        written = picture_page(figure, plotly_js=plotly_js)
         return Page(written, scripts=2 if plotly_js == INLINE else 1, headers=headers)
-    return Response(figure_json(drawn.figure), media_type=JSON, headers=headers)
+    return Response(figure_json(figure), media_type=JSON, headers=headers)

@@ -15,7 +15,6 @@ from app.api.access import needs
 from app.api.bodies import BodyRoute, DirectRoute, Written, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
-from app.api.schemas.base import UtcTime
 from app.api.schemas.readings import (
     OneOrMoreReadings,
     SentReadings,
@@ -34,6 +33,7 @@ from app.services.readings import (
     withdraw_readings,
 )
 from app.services.status import machine_in_memory
+from app.stated import UtcTime
 from app.storage.readings import WithdrawnReading
 from app.thermal.reading import Reading
 

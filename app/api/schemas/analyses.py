@@ -6,12 +6,12 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from app.api.schemas.base import Integer, Name, Number, Schema, YesOrNo
-from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.verifications import PlannedObservation
 from app.effects.observations import Verification
 from app.errors import InvalidContent
+from app.in_pieces import InPieces
 from app.search.rows import Datum
+from app.stated import Integer, Name, Number, Schema, YesOrNo
 from app.storage.records import LARGEST_INTEGER
 
 VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from app.answer import IN_ITS_UNIT
-from app.api.schemas.base import MachineState, Number, Schema, Temperatures, UtcTime
 from app.effects.valid import LearntIn
+from app.stated import MachineState, Number, Schema, Temperatures, UtcTime
 
 
 class CompensationRequest(Schema):

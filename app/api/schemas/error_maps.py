@@ -8,17 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import (
-    Name,
-    Number,
-    Numbers,
-    Point,
-    Positions,
-    Schema,
-    Temperatures,
-    UtcTime,
-    also,
-)
 from app.api.schemas.model_change import ModelChange
 from app.api.schemas.uncertainty import (
     Covariance,
@@ -34,6 +23,17 @@ from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
 from app.rounding import rounded, to_digits_in, to_digits_of
 from app.services.models import Preview
+from app.stated import (
+    Name,
+    Number,
+    Numbers,
+    Point,
+    Positions,
+    Schema,
+    Temperatures,
+    UtcTime,
+    also,
+)
 from app.thermal.error_map import ComponentTable, ErrorMap
 
 if TYPE_CHECKING:
@@ -230,7 +230,7 @@ class MeasuringLineSchema(Schema):
 
 
 def _which(value: Any) -> str:
-    return way_of("point") if isinstance(value, list) else way_of("line")
+    return way_of("point") if isinstance(value, list | tuple) else way_of("line")
 
 
 LineOrPoint = Annotated[
@@ -345,15 +345,15 @@ class ErrorMapAnswer(ErrorMapSchema, ModelChange):
         )
 
 
-def _line(axis: str, line: list[float] | MeasuringLineSchema) -> MeasuringLine:
-    if isinstance(line, list):
+def _line(axis: str, line: Point | MeasuringLineSchema) -> MeasuringLine:
+    if not isinstance(line, MeasuringLineSchema):
         return MeasuringLine.make(axis, line)
     return MeasuringLine.make(axis, line.point_mm, line.tool_offset_mm)
 
 
-def shown_line(line: MeasuringLine) -> list[float] | MeasuringLineSchema:
+def shown_line(line: MeasuringLine) -> Point | MeasuringLineSchema:
     """Show a measuring line: as a point where no tool offset stood on it."""
-    point, tool = list(line.point_mm), list(line.tool_offset_mm)
+    point, tool = line.point_mm, line.tool_offset_mm
     return MeasuringLineSchema(point_mm=point, tool_offset_mm=tool) if any(tool) else point
 
 

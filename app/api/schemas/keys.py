@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from app.access.keys import Role
-from app.api.schemas.base import Name, Schema
+from app.stated import Name, Schema
 
 
 class KeyRequest(Schema):

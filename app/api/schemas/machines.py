@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints
 
-from app.api.schemas.base import Millimetres, Name, Number, Schema, UtcTime
 from app.errors import InvalidContent
 from app.geometry.chain import Chain
+from app.stated import Name, Number, Schema, UtcTime
 from app.thermal.machine import (
     DEFAULT_STAND_INS,
     Machine,
@@ -52,13 +52,6 @@ Margin = Annotated[Number, Field(ge=0, le=1000)]
 
 ErrorRatio = Annotated[Number, Field(ge=1, le=1000)]
 """How many times as uncertain as its maps an extrapolated value may be."""
-
-
-class TravelSchema(Schema):
-    """The travel of an axis."""
-
-    min_mm: Millimetres = Field(description="Lower end of the travel [mm]", examples=[0])
-    max_mm: Millimetres = Field(description="Upper end of the travel [mm]", examples=[500])
 
 
 class SensorSchema(Schema):
@@ -131,7 +124,7 @@ class MachineSettings(Schema):
         description="Kinematic chain: axes before F move the workpiece, those after it the tool",
         examples=["XYFZ"],
     )
-    axes: dict[str, TravelSchema] = Field(
+    axes: dict[str, Travel] = Field(
         default_factory=dict,
         description="Travel of each axis [mm]",
         examples=[{"x": {"min_mm": 0, "max_mm": 500}}],
@@ -162,7 +155,7 @@ class MachineSettings(Schema):
             id=self.id,
             name=self.name,
             chain=Chain.parse(self.configuration),
-            axes={axis.lower(): Travel(t.min_mm, t.max_mm) for axis, t in self.axes.items()},
+            axes={axis.lower(): travel for axis, travel in self.axes.items()},
             sensors=sensors_by_name([_to_sensor(sensor, names) for sensor in self.sensors]),
             out_of_range=self.out_of_range,
             extrapolation_margin_c=self.extrapolation_margin_c,
@@ -208,7 +201,7 @@ class MachinePatch(Schema):
     name: Name | None = Field(None, description="Name for people")
     serial_number: Name | None = Field(None, description="Serial number; null removes it")
     configuration: str | None = Field(None, description="Kinematic chain", examples=["XYFZ"])
-    axes: dict[str, TravelSchema | None] | None = Field(
+    axes: dict[str, Travel | None] | None = Field(
         None, description="Travels to change [mm]; null removes one"
     )
     sensors: list[SensorSchema] | None = Field(None, description="All sensors, replacing the old")
@@ -244,7 +237,7 @@ def settings_of(machine: Machine) -> dict[str, Any]:
         "name": machine.name,
         "serial_number": machine.serial_number,
         "configuration": machine.chain.text,
-        "axes": {axis: TravelSchema(**asdict(t)) for axis, t in machine.axes.items()},
+        "axes": dict(machine.axes),
         "sensors": [SensorSchema(**asdict(sensor)) for sensor in machine.sensors.values()],
         "out_of_range": machine.out_of_range,
         "extrapolation_margin_c": machine.extrapolation_margin_c,

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import Field
 
-from app.api.schemas.base import Schema
 from app.effects.adopted.model_difference import Part
 from app.services.change_model import MadeVersion, WaitedBefore
+from app.stated import Schema
 
 
 class ModelChange(Schema):

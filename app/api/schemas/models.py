@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from pydantic import Field, RootModel, field_validator
 
-from app.api.schemas.base import Number, Schema, UtcTime
 from app.api.schemas.model_change import ModelChange, change_fields
 from app.effects.valid import LearntIn
 from app.errors import FieldError, InvalidContent, UnknownComponent
 from app.geometry.components import ORDER, parse_component
 from app.rounding import Parameters
+from app.stated import Number, Schema, UtcTime
 from app.thermal.sensor_assignment import Proposal
 
 if TYPE_CHECKING:

@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import ConfigDict, Field
 
-from app.api.schemas.base import (
+from app.errors import InvalidContent, UnknownComponent, list_names
+from app.geometry.components import LINEAR_LETTERS, Component, parse_component
+from app.in_pieces import InPieces
+from app.rounding import Micro
+from app.stated import (
     Direction,
     Integer,
     MachineState,
@@ -17,10 +21,6 @@ from app.api.schemas.base import (
     UtcTime,
     signs_of,
 )
-from app.api.schemas.in_pieces import InPieces
-from app.errors import InvalidContent, UnknownComponent, list_names
-from app.geometry.components import LINEAR_LETTERS, Component, parse_component
-from app.rounding import Micro
 
 if TYPE_CHECKING:
     from app.services.predictions import ErrorQuestion
@@ -39,7 +39,7 @@ class ObservationSchema(Schema):
         examples=["+", {"x": "+", "z": "-"}],
     )
     point_mm: Point | None = Field(None, description="Nominal point x, y, z [mm]")
-    tool_offset_mm: Point = Field([0.0, 0.0, 0.0], description="Tool offset X, Y, Z [mm]")
+    tool_offset_mm: Point = Field((0.0, 0.0, 0.0), description="Tool offset X, Y, Z [mm]")
     state: MachineState
 
     def to_observation(self) -> ErrorQuestion:
@@ -52,12 +52,10 @@ class ObservationSchema(Schema):
             )
         directions = signs_of(self.direction)
         if self.point_mm is not None:
-            x, y, z = self.point_mm
-            tx, ty, tz = self.tool_offset_mm
             return ErrorQuestion(
                 self.time,
-                point_mm=(x, y, z),
-                tool_offset_mm=(tx, ty, tz),
+                point_mm=self.point_mm,
+                tool_offset_mm=self.tool_offset_mm,
                 directions=directions,
                 state=self.state,
             )

@@ -19,15 +19,15 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, SchemaValidator, core_schema
 
-from app.api.schemas.base import (
+from app.field_errors import way_of
+from app.in_pieces import InPieces
+from app.stated import (
     MachineState,
     Schema,
     StatedTemperatures,
     Temperatures,
     UtcTime,
 )
-from app.api.schemas.in_pieces import InPieces
-from app.field_errors import way_of
 from app.thermal.reading import Reading
 
 _ReadingTime = Annotated[

@@ -8,11 +8,11 @@ from pydantic import ConfigDict, Field
 
 from app.answer import IN_ITS_UNIT
 from app.api.schemas.analyses import ChosenVerifications
-from app.api.schemas.base import Integer, Number, Schema, UtcTime
 from app.identification.analysis.residual_report import Size
 from app.identification.residuals.residuals import LeftOut
 from app.identification.residuals.summary import Summary
 from app.rounding import Micro
+from app.stated import Integer, Number, Schema, UtcTime
 
 if TYPE_CHECKING:
     from app.services.residuals import ShownResiduals

@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from app.api.schemas.base import Number, Schema
 from app.arrays import FloatArray
 from app.errors import InvalidContent
 from app.geometry.components import Component
+from app.stated import Number, Schema
 from app.thermal.uncertainty import standard_errors_of, stated_covariance, without_zeros
 
 StandardError = Annotated[Number, Field(ge=0)]

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.base import Name, Number, Schema, also
-from app.api.schemas.in_pieces import InPieces
 from app.api.schemas.predictions import ObservationSchema
 from app.effects.observations import MOST_OBSERVATIONS, Observation, Verification
 from app.errors import InvalidContent
 from app.field_errors import way_of
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, ORDER, Component
+from app.in_pieces import InPieces
 from app.search.rows import Datum
+from app.stated import Name, Number, Schema, also
 from app.storage.records import StoredVerification, VerificationExtent
 from app.thermal.error_map import impossible_error, positions_for_errors
 from app.units import Unit

@@ -11,11 +11,11 @@ from app.pages.environment import render_live
 from app.pages.fleet_report import ANSWERS, gain_text, parameters, rms_text, share_text
 from app.pages.report_parts.effect_names import MARKS, STATUSES, VERDICTS, explanation_name
 from app.pages.wording import _, counted, said, said_plainly
-from app.services.fleet import HOLDOUT, FleetMember, FleetQuestion, FleetView
+from app.services.fleet import HOLDOUT, FleetMember, FleetRequest, FleetView
 from app.storage.records import AnalysisStatus
 
 
-def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
+def fleet_page(view: FleetView, now: datetime, question: FleetRequest) -> str:
     """Write the page of all machines' analyses together."""
     going_on = [one for one in view.machines if one.is_going_on]
     ended = [one for one in view.machines if one.analysis is not None and not one.is_going_on]
@@ -33,7 +33,7 @@ def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
         share=_share(view),
         asked=json.dumps(_body(question)),
         question=question,
-        is_usual=question == FleetQuestion(),
+        is_usual=question == FleetRequest(),
         command=_command(question),
         start_words=counted(len(to_ask), "Analyse %(count)s machine", "Analyse %(count)s machines")
         if to_ask
@@ -58,19 +58,17 @@ def fleet_page(view: FleetView, now: datetime, question: FleetQuestion) -> str:
     )
 
 
-def _body(question: FleetQuestion) -> dict[str, Any]:
-    """Write what is asked as the routes take it."""
-    kinds = None if question.kinds is None else list(question.kinds)
-    return {"effects": kinds, "holdout_fraction": question.holdout_fraction}
+def _body(question: FleetRequest) -> dict[str, Any]:
+    return question.model_dump()
 
 
-def _command(question: FleetQuestion) -> str:
+def _command(question: FleetRequest) -> str:
     """Write what asks the same in a shell.
 
-    >>> _command(FleetQuestion(["backlash"], 0.4))
+    >>> _command(FleetRequest(effects=["backlash"], holdout_fraction=0.4))
     'thermap analyse --fleet --effects backlash --holdout 0.4'
     """
-    words = ["thermap analyse --fleet", *(f"--effects {kind}" for kind in question.kinds or ())]
+    words = ["thermap analyse --fleet", *(f"--effects {kind}" for kind in question.effects or ())]
     if question.holdout_fraction != HOLDOUT:
         words.append(f"--holdout {question.holdout_fraction:g}")
     return " ".join(words)

@@ -1,7 +1,7 @@
-"""What every shape shares: no unknown fields, no NaN, times with a zone, units in names.
+"""What everything that is stated shares: no unknown fields, no NaN, times with a zone.
 
-The client reads these shapes too, without the service behind them: what only the service
-needs is imported where it is used.
+What a use case is asked is defined once, where it is answered: HTTP checks a body against it and
+hands it on as it is.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -19,6 +19,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PlainSerializer,
     StringConstraints,
     WithJsonSchema,
 )
@@ -27,7 +28,7 @@ from app.units import expect_usable_time
 
 
 class Schema(BaseModel):
-    """A shape that refuses fields it does not know."""
+    """What is asked: fields that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -85,8 +86,16 @@ Numbers = Annotated[list[Number], Field(min_length=1, max_length=100_000)]
 Positions = Annotated[list[Millimetres], Field(min_length=1, max_length=100_000)]
 """One or more positions [mm]."""
 
-Point = Annotated[list[Millimetres], Field(min_length=3, max_length=3)]
-"""A point or an offset x, y, z [mm]."""
+Coordinates = Annotated[list[Millimetres], Field(min_length=3, max_length=3)]
+"""The same as a point, where it is one of very many that become an array."""
+
+if TYPE_CHECKING:
+    Point: TypeAlias = tuple[float, float, float]
+else:
+    Point = Annotated[
+        Coordinates, AfterValidator(tuple), PlainSerializer(list, return_type=Coordinates)
+    ]
+    """A point or an offset x, y, z [mm]."""
 
 UtcTime = Annotated[AwareDatetime, BeforeValidator(_only_text), AfterValidator(_to_utc)]
 """A time with a zone, kept as UTC."""
