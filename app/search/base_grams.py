@@ -76,11 +76,8 @@ def _base_gram(batch: Batch, state: State) -> BaseGram:
     with_nuisance = sheet.within(moments.nuisance, state.cells)
     products = sheet.within(sheet.gram, state.cells)
     reduced = moments.reduced if state.blocks.all() else moments.reduced[state.blocks]
-    gram = np.empty((len(state.rss), *products.shape))
-    floor = np.empty(gram.shape[:2])
-    for some in state.levels:
-        of_visits, of_nuisance = some.taken(with_nuisance.T, reduced, k)
-        seen = np.trace(products - of_visits, axis1=2, axis2=3)
-        floor[some.which] = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
-        gram[some.which] = products - of_visits - of_nuisance
-    return BaseGram(gram, floor, with_nuisance, reduced)
+    of_visits, of_nuisance = state.levels.taken(with_nuisance.T, reduced, k)
+    left = products - of_visits
+    seen = np.trace(left, axis1=2, axis2=3)
+    floor = np.maximum(NOTHING_LEFT * seen, NOTHING_SEEN)
+    return BaseGram(left - of_nuisance, floor, with_nuisance, reduced)

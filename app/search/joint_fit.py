@@ -193,12 +193,9 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
     values = np.concatenate([m.values[state.cells].sum(axis=0) for m in parts])
     reduced = np.concatenate([m.reduced[state.blocks] for m in parts], axis=2)
-    gram = np.empty((levels, len(values), len(values)))
-    slope = np.empty((levels, len(values)))
-    for some, of_values in zip(state.levels, state.shadows, strict=True):
-        shadow = some.shadow(nuisance, reduced).transpose(0, 2, 1)
-        gram[some.which] = square - shadow @ shadow.transpose(0, 2, 1)
-        slope[some.which] = values - (shadow @ of_values)[..., 0]
+    shadow = state.levels.shadow(nuisance, reduced).transpose(0, 2, 1)
+    gram = square - shadow @ shadow.transpose(0, 2, 1)
+    slope = values - (shadow @ state.shadow)[..., 0]
     return Share(state, index, gram, slope)
 
 
@@ -267,7 +264,7 @@ class _Shares:
             gram[i, own, at[:, None], at] = share.gram.transpose(1, 2, 0)
             slope[i, own, at] = share.slope.T
             rss[i, own], handicap[i, own] = share.state.rss, share.state.handicap
-        of_channels = [[s.fixed.channel.weight, s.freedom, s.constants.max()] for s in states]
+        of_channels = [[s.fixed.channel.weight, s.freedom, s.levels.constant.max()] for s in states]
         weight, freedom, constant = np.array(of_channels).reshape(-1, 3, 1).transpose(1, 0, 2)
         return cls(list(shares), gram, slope, rss, handicap, weight, freedom, constant)
 

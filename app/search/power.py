@@ -157,11 +157,8 @@ class DrawnNoise:
 
 def _squares(state: State, response: DrawnMoments) -> FloatArray:
     """Give what each set of visit variances leaves of draws, shape (L, m)."""
-    rss = np.empty((len(state.rss), len(response.square)))
-    for some in state.levels:
-        shadow = some.shadow(response.with_nuisance, response.reduced)
-        rss[some.which] = response.square - np.sum(shadow**2, axis=1)
-    return rss
+    shadow = state.levels.shadow(response.with_nuisance, response.reduced)
+    return np.asarray(response.square - np.sum(shadow**2, axis=1))
 
 
 def _of_levels(state: State, seed: int) -> FloatArray | None:

@@ -6,9 +6,9 @@ the null model's best they would contain the effect itself, and hide it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from app.search.draws import DrawnMoments, Draws
 from app.search.library import Batch, Library
 from app.search.moments import blocks
 from app.search.small_inverse import inverse_roots, solutions
-from app.search.state import Levels, State
+from app.search.state import State
 
 ROUNDS: Final = 3
 """Alternations between a fingerprint's amplitudes and the channels' variances."""
@@ -133,36 +133,25 @@ def scan(
     count = draws.count if draws else 0
     ratio, rank = np.zeros(len(library.entries)), np.zeros(len(library.entries))
     noise = np.zeros((len(library.entries), count))
-    values = _Targets(states, _target)
-    drawn = _Targets(states, partial(_drawn_target, draws=draws)) if draws else None
+    # Made when a batch first asks for a channel: many scans need but few.
+    values = cache(lambda channel: _target(states[channel]))
+    drawn = cache(lambda channel: _drawn_target(states[channel], draws)) if draws else None
     for number, batch in enumerate(library.batches):
         if before is not None and all(states.get(c) is before[0].get(c) for c in batch.channels):
             ratio[batch.entries] = before[1].ratio[batch.entries]
             rank[batch.entries] = before[1].rank[batch.entries]
         elif batch.generic == generic and all(c in states for c in batch.channels):
-            products = [_products(library, base, number, values[c]) for c in batch.channels]
+            products = [_products(library, base, number, values(c)) for c in batch.channels]
             best_ratios, ranks = _ratios(products)
             ratio[batch.entries], rank[batch.entries] = best_ratios[:, 0], ranks
             if drawn is not None:
-                products = [_products(library, base, number, drawn[c]) for c in batch.channels]
+                products = [_products(library, base, number, drawn(c)) for c in batch.channels]
                 noise[batch.entries] = _ratios(products, ROUNDS_OF_NOISE)[0]
     return Scan(np.maximum(ratio, 0.0), np.maximum(noise, 0.0), rank)
 
 
-class _Targets(dict[int, Target]):
-    """Targets of channels, each made when a batch first asks for it: many scans need but few."""
-
-    def __init__(self, states: Mapping[int, State], make: Callable[[State], Target]) -> None:
-        super().__init__()
-        self._states, self._make = states, make
-
-    def __missing__(self, channel: int) -> Target:
-        self[channel] = self._make(self._states[channel])
-        return self[channel]
-
-
 def _target(state: State) -> Target:
-    return _weighed(state, state.levels, state.shadows, state.rss[:, None], None)
+    return _weighed(state, np.arange(len(state.rss)), state.shadow, state.rss[:, None], None)
 
 
 def _drawn_target(state: State, draws: Draws) -> Target:
@@ -171,42 +160,30 @@ def _drawn_target(state: State, draws: Draws) -> Target:
     expected = state.fixed.channel.expected
     if expected is not None:
         believable |= expected > expected.max() * LIKELY
-    response = draws.response(state)
-    levels = state.some_levels(np.flatnonzero(believable))
-    shadows = [some.shadow(response.with_nuisance, response.reduced) for some in levels]
-    squares = np.vstack([response.square - np.sum(s**2, axis=1) for s in shadows])
-    order = np.argsort(np.concatenate([some.which for some in levels]))
-    return _weighed(state, levels, shadows, squares[order], response)
+    response, which = draws.response(state), np.flatnonzero(believable)
+    shadow = state.levels.take(which).shadow(response.with_nuisance, response.reduced)
+    squares = response.square - np.sum(shadow**2, axis=1)
+    return _weighed(state, which, shadow, squares, response)
 
 
 def _weighed(
     state: State,
-    levels: Sequence[Levels],
-    shadows: Sequence[FloatArray],
+    which: IntArray,
+    shadow: FloatArray,
     squares: FloatArray,
     draws: DrawnMoments | None,
 ) -> Target:
-    """Put the weights of all levels side by side, in the order of their numbers."""
-    which = np.concatenate([some.which for some in levels])
-    order = np.argsort(which)
-    pairs = [some.weights(shadow) for some, shadow in zip(levels, shadows, strict=True)]
+    """Put the weights of some levels side by side."""
+    levels = state.levels.take(which)
+    visits, nuisance = levels.weights(shadow)
     count = 0 if state.given is None else state.given.columns.shape[1]
-    last = [some.rows_of_last(count) for some in levels]
-    visits, nuisance = (np.concatenate(each)[order] for each in zip(*pairs, strict=True))
     if draws is not None:
         # Products with the shifts and map errors that draws contain have the same two factors.
         visits -= (draws.shift * draws.size).reshape(visits.shape[1:])
         nuisance[:, : len(draws.maps)] -= draws.maps * draws.size
-    of_visits, of_nuisance = (np.concatenate(each)[order] for each in zip(*last, strict=True))
-    return Target(
-        state,
-        which[order],
-        squares,
-        np.hstack(list(visits)),
-        np.hstack(list(nuisance)),
-        (of_visits, of_nuisance),
-        draws,
-    )
+    on_visits, on_nuisance = np.hstack(list(visits)), np.hstack(list(nuisance))
+    of_given = levels.rows_of_last(count)
+    return Target(state, which, squares, on_visits, on_nuisance, of_given, draws)
 
 
 @dataclass(frozen=True, eq=False)

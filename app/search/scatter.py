@@ -86,36 +86,54 @@ class Scatter(NamedTuple):
     minutes: float = CORRELATION_TIMES_MIN[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Whitening:
-    """The factors F of V⁻¹ = I − (F Z')'(F Z') at l sets of variances.
-
-    They are kept for blocks that scatter together.
+class Factors(NamedTuple):
+    """Factors of clusters of k blocks that scatter together, at sets of variances that reach alike.
 
     Parameters
     ----------
-    parts
-        For clusters of equally many blocks, their numbers, shape (c, k), and their factors,
-        shape (l, c, k s, k s), for s shapes.
-    log_determinant : ndarray, shape (l,)
+    sets : ndarray, shape (l,)
+        Which of the sets of variances these are.
+    blocks : ndarray, shape (c, k)
+        Each cluster's, by number.
+    factor : ndarray, shape (l, c, k s, k s)
+        For s shapes.
+    """
+
+    sets: IntArray
+    blocks: IntArray
+    factor: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The factors F of V⁻¹ = I − (F Z')'(F Z') at L sets of variances.
+
+    Parameters
+    ----------
+    log_determinant : ndarray, shape (L,)
         Of V.
     """
 
-    parts: tuple[tuple[IntArray, FloatArray], ...]
+    parts: tuple[Factors, ...]
     log_determinant: FloatArray
 
     @property
     def bytes(self) -> int:
         """Size of the factors."""
-        return sum(factor.nbytes for _, factor in self.parts)
+        return sum(part.factor.nbytes for part in self.parts)
 
-    def take(self, at: IntArray) -> Whitening:
-        """Keep some of the sets of variances, by their places here."""
-        parts = tuple((index, factor[at]) for index, factor in self.parts)
-        return Whitening(parts, self.log_determinant[at])
+    def take(self, wanted: IntArray) -> Whitening:
+        """Keep some of the sets of variances, by their numbers, increasing."""
+        parts = []
+        for sets, index, factor in self.parts:
+            places = np.flatnonzero(np.isin(sets, wanted))
+            if places.size:
+                numbers = np.searchsorted(wanted, sets[places])
+                parts.append(Factors(numbers, index, factor[places]))
+        return Whitening(tuple(parts), self.log_determinant[wanted])
 
     def turn(self, reduced: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Apply F to sums over blocks: shape (b, s, m) to (l, b s, m), into an array if given."""
+        """Apply F to sums over blocks: shape (b, s, m) to (L, b s, m), into an array if given."""
         blocks, shapes, columns = reduced.shape
         if out is None:
             out = np.empty((len(self.log_determinant), blocks * shapes, columns))
@@ -123,8 +141,8 @@ class Whitening:
         return _applied(self.parts, reduced[None], split).reshape(out.shape)
 
     def turn_back(self, turned: FloatArray, shapes: int) -> FloatArray:
-        """Apply F', shape (l, b s, m) to (l, b s, m)."""
-        back = [(index, factor.transpose(0, 1, 3, 2)) for index, factor in self.parts]
+        """Apply F', shape (L, b s, m) to (L, b s, m)."""
+        back = [part._replace(factor=part.factor.transpose(0, 1, 3, 2)) for part in self.parts]
         levels, rows, columns = turned.shape
         split = turned.reshape(levels, rows // shapes, shapes, columns)
         return _applied(back, split, np.empty(split.shape)).reshape(turned.shape)
@@ -208,20 +226,16 @@ class Blocks:
 
     def draw(self, scatter: Scatter, unit: FloatArray) -> FloatArray:
         """Give unit draws K's covariance, unknown zeros left out; shape (b, s, m)."""
+        alone = np.zeros(1, dtype=np.intp)
         roots = [
-            (index, _root(self.covariance(scatter, index, zeros=0.0))[None])
+            Factors(alone, index, _root(self.covariance(scatter, index, zeros=0.0))[None])
             for index in self._clusters(scatter, np.ones(len(self.free), dtype=np.bool_))
         ]
         found: FloatArray = _applied(roots, unit[None], np.empty((1, *unit.shape)))[0]
         return found
 
-    def alike(self, tried: Sequence[Scatter]) -> list[IntArray]:
-        """Number the sets of variances by which the same blocks scatter together, side by side."""
-        reaches = np.array([_reach(scatter) for scatter in tried])
-        return [np.flatnonzero(reaches == reach) for reach in np.unique(reaches)]
-
     def whitening(self, tried: tuple[Scatter, ...], gram: FloatArray, use: BoolArray) -> Whitening:
-        """Factorise V on some blocks, at sets of variances that reach as far (`alike`).
+        """Factorise V on some blocks, at each of some sets of variances.
 
         With K = C C' and L L' = I + C' Z'Z C, F = L⁻¹ C' and log det V = 2 Σ log diag L:
         nothing of the size of the rows squared is ever formed.
@@ -250,29 +264,39 @@ class Blocks:
 
     def _whitening(self, tried: tuple[Scatter, ...], gram: FloatArray, use: BoolArray) -> Whitening:
         place = np.cumsum(use) - 1
-        s = len(self.own)
         parts, log_determinant = [], np.zeros(len(tried))
-        for in_time in self._clusters(tried[0], use):
-            # In the blocks' own order: where a part has all of them they are taken as they lie.
-            index = np.sort(in_time, axis=1)
-            index = index[np.argsort(index[:, 0])]
-            c, k = index.shape
-            squares = np.zeros((c, k, s, k, s))
-            squares[:, np.arange(k), :, np.arange(k), :] = gram[index].transpose(1, 0, 2, 3)
-            factor = np.empty((len(tried), c, k * s, k * s))
-            # One after the other: of long records each takes much memory on the way.
-            for i, scatter in enumerate(tried):
-                # By C with K = C C' and not by K⁻¹, which there is none of where nothing scatters.
-                # I + C'Z'Z C has no eigenvalue below 1: its factor never fails.
-                root = _root(self.covariance(scatter, index))
-                back = root.transpose(0, 2, 1)
-                inner = back @ squares.reshape(c, k * s, k * s) @ root
-                lower = np.asarray(np.linalg.cholesky(inner + np.eye(k * s)), dtype=np.float64)
-                diagonals = np.diagonal(lower, axis1=1, axis2=2)
-                log_determinant[i] += 2.0 * float(np.log(diagonals).sum())
-                factor[i] = _solved(lower, back)
-            parts.append((place[index].astype(np.intp), factor))
+        reaches = np.array([_reach(scatter) for scatter in tried])
+        for reach in np.unique(reaches):
+            sets = np.flatnonzero(reaches == reach)
+            for in_time in self._clusters(tried[sets[0]], use):
+                # In the blocks' own order: where a part has all of them they are taken as they lie.
+                index = np.sort(in_time, axis=1)
+                index = index[np.argsort(index[:, 0])]
+                factor, of_clusters = self._factors([tried[i] for i in sets], index, gram)
+                parts.append(Factors(sets, place[index].astype(np.intp), factor))
+                log_determinant[sets] += of_clusters
         return Whitening(tuple(parts), log_determinant)
+
+    def _factors(
+        self, tried: Sequence[Scatter], index: IntArray, gram: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Give F of clusters of blocks, shape (l, c, k s, k s), and log det V of them all, (l,)."""
+        (c, k), s = index.shape, len(self.own)
+        squares = np.zeros((c, k, s, k, s))
+        squares[:, np.arange(k), :, np.arange(k), :] = gram[index].transpose(1, 0, 2, 3)
+        factor, log_determinant = np.empty((len(tried), c, k * s, k * s)), np.zeros(len(tried))
+        # One after the other: of long records each takes much memory on the way.
+        for i, scatter in enumerate(tried):
+            # By C with K = C C' and not by K⁻¹, which there is none of where nothing scatters.
+            # I + C'Z'Z C has no eigenvalue below 1: its factor never fails.
+            root = _root(self.covariance(scatter, index))
+            back = root.transpose(0, 2, 1)
+            inner = back @ squares.reshape(c, k * s, k * s) @ root
+            lower = np.asarray(np.linalg.cholesky(inner + np.eye(k * s)), dtype=np.float64)
+            diagonals = np.diagonal(lower, axis1=1, axis2=2)
+            log_determinant[i] = 2.0 * float(np.log(diagonals).sum())
+            factor[i] = _solved(lower, back)
+        return factor, log_determinant
 
     def of_setup(self, scatter: Scatter) -> FloatArray:
         """Give a set-up's variances of shift and tilts, shape (s,)."""
@@ -310,28 +334,31 @@ def _reach(scatter: Scatter) -> float:
     return REACH * scatter.minutes if scatter.wander else -1.0
 
 
-def _applied(
-    parts: Sequence[tuple[IntArray, FloatArray]], split: FloatArray, out: FloatArray
-) -> FloatArray:
-    """Multiply what stands at each cluster's blocks with its matrices.
+def _applied(parts: Sequence[Factors], split: FloatArray, out: FloatArray) -> FloatArray:
+    """Multiply what stands at each cluster's blocks with its factors.
 
     Parameters
     ----------
-    parts
-        Clusters, shape (c, k), and matrices, shape (l, c, k s, k s).
-    split : ndarray, shape (l, b, s, m) or (1, b, s, m)
-    out : ndarray, shape (l, b, s, m)
+    split : ndarray, shape (L, b, s, m) or (1, b, s, m)
+    out : ndarray, shape (L, b, s, m)
         Where it is written.
     """
     of_each, blocks, shapes, columns = split.shape
-    for index, matrix in parts:
-        levels, (clusters, k) = len(matrix), index.shape
+    for sets, index, factor in parts:
+        levels, (clusters, k) = len(factor), index.shape
         size = (clusters, k * shapes, columns)
+        is_every = levels == len(out)
+        inputs = split if is_every or of_each == 1 else split[sets]
         if index.size == blocks and (index.ravel() == np.arange(blocks)).all():
-            np.matmul(matrix, split.reshape(of_each, *size), out=out.reshape(levels, *size))
+            here = out if is_every else np.empty((levels, *out.shape[1:]))
+            whole = inputs.reshape(len(inputs), *size)
+            np.matmul(factor, whole, out=here.reshape(levels, *size))
+            if not is_every:
+                out[sets] = here
         else:
-            product = matrix @ split[:, index].reshape(of_each, *size)
-            out[:, index] = product.reshape(levels, clusters, k, shapes, columns)
+            product = factor @ inputs[:, index].reshape(len(inputs), *size)
+            part = product.reshape(levels, clusters, k, shapes, columns)
+            out[sets[:, None, None], index] = part
     return out
 
 

@@ -287,7 +287,7 @@ class Within:
         """Variance of what shifts and tilts say at each row, over one observation's, shape (n,)."""
         channel, s = self.channel, self.channel.shapes.shape[1]
         of_block = np.zeros((len(channel.starts), s, s))
-        for index, factor in self.state.levels[0].whitening.parts:
+        for _, index, factor in self.state.levels.whitening.parts:
             columns = factor[0].reshape(len(index), -1, index.shape[1], s)
             of_block[index] = np.einsum("cmki,cmkj->ckij", columns, columns)
         shapes = channel.shapes

@@ -49,15 +49,13 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """A channel under l sets of visit variances by which the same blocks scatter together.
+    """A channel under l sets of visit variances.
 
     For any two sets of columns A and B, what is left of A'V⁻¹B once nuisance and given
     terms are fitted is A'B − shadow(A)'shadow(B).
 
     Parameters
     ----------
-    which : ndarray, shape (l,)
-        Their numbers among all that are tried.
     turned : ndarray, shape (l, b (1 + q), p)
         Nuisance and given columns, whitened over the blocks.
     root, inverse_root : ndarray, shape (l, p, p)
@@ -66,7 +64,6 @@ class Levels:
         What the squares have no part in of the log likelihood.
     """
 
-    which: IntArray
     whitening: Whitening
     turned: FloatArray
     root: FloatArray
@@ -74,17 +71,16 @@ class Levels:
     constant: FloatArray
     shapes: int
 
-    def take(self, at: IntArray) -> Levels:
-        """Keep some of them, by their places here."""
-        if len(at) == len(self.which):
+    def take(self, wanted: IntArray) -> Levels:
+        """Keep some of them, by their numbers, increasing."""
+        if len(wanted) == len(self.root):
             return self
         return Levels(
-            self.which[at],
-            self.whitening.take(at),
-            self.turned[at],
-            self.root[at],
-            self.inverse_root[at],
-            self.constant[at],
+            self.whitening.take(wanted),
+            self.turned[wanted],
+            self.root[wanted],
+            self.inverse_root[wanted],
+            self.constant[wanted],
             self.shapes,
         )
 
@@ -103,7 +99,7 @@ class Levels:
         ndarray, shape (l, b (1 + q) + p, m)
         """
         first = self.turned.shape[1]
-        shadows = np.empty((len(self.which), first + len(with_nuisance), with_nuisance.shape[1]))
+        shadows = np.empty((len(self.root), first + len(with_nuisance), with_nuisance.shape[1]))
         turned = shadows[:, :first]
         self.whitening.turn(reduced, turned)
         residual = with_nuisance - self.turned.transpose(0, 2, 1) @ turned
@@ -197,10 +193,10 @@ class State:
     given: Given | None = None
     blocks: BoolArray = field(init=False)
     count: int = field(init=False)
-    levels: list[Levels] = field(init=False)
+    levels: Levels = field(init=False)
     rss: FloatArray = field(init=False)
-    shadows: list[FloatArray] = field(init=False)
-    """Of the values, one for each of `levels`."""
+    shadow: FloatArray = field(init=False)
+    """Of the values."""
 
     def __post_init__(self) -> None:
         channel = self.fixed.channel
@@ -208,15 +204,9 @@ class State:
         sizes = np.diff(np.append(channel.starts, len(channel.rows)))
         self.count = int(sizes[self.blocks].sum())
         with_nuisance, reduced, square = self._products_of_values()
-        nuisance, own_reduced, precision = self._products_of_nuisance()
-        self.levels = [
-            self._levels(which, nuisance, own_reduced, precision)
-            for which in channel.blocks.alike(channel.tried)
-        ]
-        self.shadows = [some.shadow(with_nuisance, reduced) for some in self.levels]
-        self.rss = np.empty(len(channel.prior))
-        for some, shadow in zip(self.levels, self.shadows, strict=True):
-            self.rss[some.which] = square - np.sum(shadow**2, axis=(1, 2))
+        self.levels = self._levels(*self._products_of_nuisance())
+        self.shadow = self.levels.shadow(with_nuisance, reduced)
+        self.rss = square - np.sum(self.shadow**2, axis=(1, 2))
 
     def without_given(self) -> State:
         """Look at the same channel and cells without given terms."""
@@ -232,14 +222,6 @@ class State:
         """Log likelihood at each set of visit variances, shape (L,)."""
         return self.log_likelihoods(self.rss)
 
-    @cached_property
-    def constants(self) -> FloatArray:
-        """What the squares have no part in of each set's log likelihood, shape (L,)."""
-        by_level = np.empty(len(self.rss))
-        for some in self.levels:
-            by_level[some.which] = some.constant
-        return by_level
-
     def log_likelihoods(self, rss: FloatArray) -> FloatArray:
         """Profile the repeatability out of the likelihood, at each set of visit variances.
 
@@ -252,7 +234,7 @@ class State:
         -------
         ndarray, shape (L, ...)
         """
-        constants = self.constants.reshape(-1, *(1,) * (rss.ndim - 1))
+        constants = self.levels.constant.reshape(-1, *(1,) * (rss.ndim - 1))
         profile: FloatArray = -0.5 * self.freedom * np.log(self.scatter(rss)) + constants
         return profile
 
@@ -294,26 +276,20 @@ class State:
         handicap = self.handicap if levels is None else self.handicap[levels]
         scaled = self.scatter(rss)
         scaled *= handicap.reshape(-1, *(1,) * (rss.ndim - 1))
-        return scaled, float(self.constants.max())
+        return scaled, float(self.levels.constant.max())
 
     @cached_property
     def handicap(self) -> FloatArray:
         """What each level's constant is behind the largest, as a factor of scatter, shape (L,)."""
         with np.errstate(over="ignore"):
             ratios: FloatArray = np.exp(
-                2.0 * (self.constants.max() - self.constants) / self.freedom
+                2.0 * (self.levels.constant.max() - self.levels.constant) / self.freedom
             )
         return ratios
 
     def level(self, number: int) -> Levels:
         """Give one of the sets of visit variances alone."""
-        (single,) = self.some_levels(np.array([number]))
-        return single
-
-    def some_levels(self, wanted: IntArray) -> list[Levels]:
-        """Give some of the sets of visit variances, by their numbers."""
-        places = ((some, np.flatnonzero(np.isin(some.which, wanted))) for some in self.levels)
-        return [some.take(at) for some, at in places if len(at)]
+        return self.levels.take(np.array([number]))
 
     def scatter(self, rss: FloatArray) -> FloatArray:
         """Estimate the variance of one observation, over the square of the scale.
@@ -363,11 +339,9 @@ class State:
         products = channel.by_cell(both, residuals, fixed.cells)[use].sum(axis=0)
         return products[:-1], channel.reduce(residuals)[self.blocks], float(products[-1, 0])
 
-    def _levels(
-        self, which: IntArray, nuisance: FloatArray, reduced: FloatArray, precision: FloatArray
-    ) -> Levels:
+    def _levels(self, nuisance: FloatArray, reduced: FloatArray, precision: FloatArray) -> Levels:
         channel = self.fixed.channel
-        whitening = channel.whitening(which, self.blocks)
+        whitening = channel.whitening(np.arange(len(channel.tried)), self.blocks)
         turned = whitening.turn(reduced)
         # What the rows say of maps and given terms beside set-ups, and the prior: J'V⁻¹J + P. Its
         # Cholesky factor R serves for all: |R⁻¹ J'V⁻¹y|² is what they explain of y, the diagonal is
@@ -386,9 +360,9 @@ class State:
         for lower, inverse in zip(root, inverse_root, strict=True):
             if lower.size:
                 inverse[:], _ = dtrtri(lower, lower=1)
-        constant = np.asarray(channel.prior[which] - half_log_det)
+        constant = np.asarray(channel.prior - half_log_det)
         shapes = channel.shapes.shape[1]
-        return Levels(which, whitening, turned, root, inverse_root, constant, shapes)
+        return Levels(whitening, turned, root, inverse_root, constant, shapes)
 
 
 def _first_at(values: FloatArray, smallest: FloatArray) -> IntArray:

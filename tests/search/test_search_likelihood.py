@@ -111,7 +111,8 @@ def test_the_profile_is_the_largest_log_likelihood(count, seed, spread):
     _, problem = SMALL
     state = State(problem.fixed[0], np.ones(2, dtype=bool))
     random = np.random.default_rng(seed)
-    state.constants = random.uniform(-1.0, 1.0, len(state.rss)) * spread
+    constant = random.uniform(-1.0, 1.0, len(state.rss)) * spread
+    state.levels = replace(state.levels, constant=constant)
     levels = np.sort(random.permutation(len(state.rss))[:count])
     squares = random.uniform(0.0, 1e4, (len(state.rss), 3, 2))
     plain = state.log_likelihoods(squares)[levels]
@@ -128,7 +129,7 @@ def test_what_is_taken_of_entries_is_their_shadows_with_themselves(datum):
     fixed, cells = problem.fixed[0], np.array([True, False])
     columns = np.random.default_rng(4).normal(size=(len(fixed.channel.rows), 6))
     state = State(fixed, cells, Given(columns[:, :1], np.zeros(1), np.zeros(len(columns))))
-    some = state.levels[0]
+    some = state.levels
     rest, own = columns[:, 2:], moments_of(fixed.channel, columns, fixed.cells)
     with_given = (fixed.channel.by_cell(columns[:, :1], rest, fixed.cells))[cells].sum(axis=0)
     with_nuisance = np.vstack([own.nuisance[cells].sum(axis=0).T[:, 2:], with_given])
@@ -137,7 +138,7 @@ def test_what_is_taken_of_entries_is_their_shadows_with_themselves(datum):
     for part, found in zip(
         (shadow[:, :first], shadow[:, first:]), some.taken(with_nuisance, reduced, 2), strict=True
     ):
-        assert found.shape == (len(some.which), 2, 2, 2)
+        assert found.shape == (len(some.root), 2, 2, 2)
         for entry in range(2):
             mine = part[:, :, 2 * entry : 2 * entry + 2]
             whole = mine.transpose(0, 2, 1) @ mine
@@ -291,8 +292,8 @@ def test_against_statsmodels_mixed_model():
     assert ours[level] == pytest.approx(theirs.llf, abs=1e-3)
     assert ours.max() < theirs.llf + 1e-3
     assert grid.count == mine.sum()
-    (shadows,) = state.shadows
-    amplitudes = np.linalg.solve(state.level(level).root[0].T, shadows[level, -3:])[:, 0]
+    shadow = state.shadow[level, -3:]
+    amplitudes = np.linalg.solve(state.level(level).root[0].T, shadow)[:, 0]
     np.testing.assert_allclose(amplitudes * channel.scale, theirs.fe_params, atol=1e-3)
 
 

@@ -151,21 +151,18 @@ def test_sets_of_variances_are_whitened_together_as_one_by_one(use):
     tried = scatters(blocks)
     gram = np.einsum("bni,bnj->bij", *[random.normal(size=(6, 5, 2))] * 2)
     reduced = random.normal(size=(int(use.sum()), 2, 3))
-    seen = []
-    for which in blocks.alike(tried):
-        together = blocks.whitening(tuple(tried[i] for i in which), gram, use)
-        turned = together.turn(reduced)
-        for i, level in enumerate(which.tolist()):
-            alone = blocks.whitening((tried[level],), gram, use)
-            np.testing.assert_allclose(turned[i], alone.turn(reduced)[0], atol=1e-12)
-            np.testing.assert_allclose(
-                together.turn_back(turned, 2)[i],
-                together.take(np.array([i])).turn_back(turned[[i]], 2)[0],
-                atol=1e-12,
-            )
-            assert together.log_determinant[i] == pytest.approx(alone.log_determinant[0])
-            seen.append(level)
-    assert sorted(seen) == list(range(len(tried)))
+    together = blocks.whitening(tried, gram, use)
+    turned = together.turn(reduced)
+    assert len(together.parts) > 1  # some reach further than others
+    for i, scatter in enumerate(tried):
+        alone = blocks.whitening((scatter,), gram, use)
+        np.testing.assert_allclose(turned[i], alone.turn(reduced)[0], atol=1e-12)
+        np.testing.assert_allclose(
+            together.turn_back(turned, 2)[i],
+            together.take(np.array([i])).turn_back(turned[[i]], 2)[0],
+            atol=1e-12,
+        )
+        assert together.log_determinant[i] == pytest.approx(alone.log_determinant[0])
 
 
 def test_setups_far_apart_are_independent_and_near_ones_resemble_each_other():
@@ -173,8 +170,8 @@ def test_setups_far_apart_are_independent_and_near_ones_resemble_each_other():
     scatter = Scatter(1.0, 1.0, 4.0, 30.0)
     gram = np.ones((2, 2, 2))
     use = np.ones(2, bool)
-    assert [index.shape for index, _ in far.whitening((scatter,), gram, use).parts] == [(2, 1)]
-    assert [index.shape for index, _ in near.whitening((scatter,), gram, use).parts] == [(1, 2)]
+    assert [index.shape for _, index, _ in far.whitening((scatter,), gram, use).parts] == [(2, 1)]
+    assert [index.shape for _, index, _ in near.whitening((scatter,), gram, use).parts] == [(1, 2)]
     covariance = near.covariance(scatter, np.array([[0, 1]]))[0]
     assert covariance[0, 2] == pytest.approx(4.0 * np.exp(-10 / 30))
 
