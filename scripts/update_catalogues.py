@@ -29,6 +29,7 @@ SERVICE = (
     "pages/fleet_report",
     "pages/report_parts/**",
     "pages/residuals_page/**",
+    "search/search",
     "services/**",
     "status/**",
     "storage/analyses",

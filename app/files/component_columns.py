@@ -55,7 +55,6 @@ VALUE: Final = Quantity(
 COMPONENT_UNITS: Final[Mapping[str, Sequence[Unit]]] = {
     **dict.fromkeys(LENGTH.factors, (Unit.UM,)),
     **dict.fromkeys(SMALL_ANGLE.factors, (Unit.URAD, Unit.UM_PER_M)),
-    **dict.fromkeys(("um_per_m", "mm_per_m"), (Unit.UM_PER_M,)),
     _SLOPE_OF_ANGLE: (Unit.URAD_PER_M,),
     UNIT_OF_COMPONENT: (),
 }

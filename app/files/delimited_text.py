@@ -42,6 +42,8 @@ _NO_DELIMITER: Final = re.compile('"[^"]*"|(?<=[,;])\t')
 _STATED_DELIMITER: Final = re.compile(r'"?sep=([^\w\s"]|\t)"?[\s;,]*', re.I)
 """Excel's first line, which says what parts the columns."""
 
+_NEED_SEMICOLONS: Final = "; decimal commas need semicolons between the columns"
+
 _STATEMENT: Final = re.compile(r"(label|measured[_ ]at|machine|temperature .+)", re.I)
 """What stands above the columns, in a comment line."""
 
@@ -330,6 +332,8 @@ def parse_delimited(
     if is_one_table:
         _expect_comments(heading_line, headings, rows, problems)
     decimal_comma = delimiter != ","
+    if is_one_table:
+        _expect_names(heading_line, headings, rows, problems, decimal_comma=decimal_comma)
     evened = [_evened(row, headings, heading_line, decimal_comma, problems) for row in rows]
     comments_read = [_comment(line, written, delimiter) for line, written in comments]
     return DelimitedText(problems, comments_read, headings, heading_line, evened, decimal_comma)
@@ -462,6 +466,26 @@ def _expect_comments(
         problems.raise_if_any()
 
 
+def _expect_names(
+    line: int,
+    headings: Sequence[str],
+    rows: Sequence[Row],
+    problems: Problems,
+    *,
+    decimal_comma: bool,
+) -> None:
+    """Refuse a first line that cannot name the columns, as most lines below it have more."""
+    wider = [row for row in rows if any(row.cells[len(headings) :])]
+    if len(wider) > max(len(rows) / 2, 1):
+        problems.add(
+            f"expected the names of {len(wider[0].cells)} columns, as line {wider[0].line} has, "
+            f"got {len(headings)}; what stands above the column names begins with #"
+            f"{'' if decimal_comma else _NEED_SEMICOLONS}",
+            line,
+        )
+        problems.raise_if_any()
+
+
 def _evened(
     row: Row, headings: Sequence[str], heading_line: int, decimal_comma: bool, problems: Problems
 ) -> Row:
@@ -470,7 +494,7 @@ def _evened(
     if missing >= 0:
         return Row(row.line, [*row.cells, *[""] * missing])
     if any(row.cells[len(headings) :]):
-        hint = "" if decimal_comma else "; decimal commas need semicolons between the columns"
+        hint = "" if decimal_comma else _NEED_SEMICOLONS
         problems.add(
             f"expected {counted(len(headings), 'column')} as in line {heading_line}, "
             f"got {len(row.cells)}{hint}",

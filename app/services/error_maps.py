@@ -36,7 +36,7 @@ from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import ErrorMapRow
 from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error, positions_for_errors
 from app.thermal.machine import Machine
-from app.thermal.reversed_signs import reversed_components
+from app.thermal.mistaken_maps import MIRRORED, REVERSED, copied, inexplicable, mistakes
 from app.thermal.sensor_health import Health, check_temperatures
 from app.thermal.stated_temperatures import doubted_temperatures
 from app.units import TemperatureUnit, Unit
@@ -168,7 +168,7 @@ def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     machine = change.machine
     remarks = [
         *_doubted_units(error_map),
-        *_doubted_signs(change.latest, error_map),
+        *_doubted_errors(change.latest, error_map),
         *doubted_temperatures(
             error_map.temperatures_c,
             temperatures_then(change.session, machine, error_map.measured_at),
@@ -213,8 +213,8 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
     return remarks
 
 
-def _doubted_signs(version: ModelVersion | None, error_map: ErrorMap) -> list[str]:
-    """Ask about components that fit the other maps with the opposite sign.
+def _doubted_errors(version: ModelVersion | None, error_map: ErrorMap) -> list[str]:
+    """Ask about components that would fit the other maps if a mistake were undone.
 
     Tables would double such an error instead of removing it, and the change at the latest
     reading shows nothing of it while this lies between other maps.
@@ -222,13 +222,36 @@ def _doubted_signs(version: ModelVersion | None, error_map: ErrorMap) -> list[st
     if version is None:
         return []
     others = [m.error_map for m in version.maps if m.error_map.label != error_map.label]
-    reversed_codes = reversed_components(error_map, others, version.assignment)
-    if not reversed_codes:
-        return []
-    return [
-        f"{list_names(reversed_codes)} would fit the maps beside it with the opposite sign: are "
-        "they errors, actual minus nominal, or what is to be added to the command?"
-    ]
+    label = copied(error_map, others)
+    if label is not None:
+        return [f"its errors are those of map {label!r} to the last digit: is one of them a copy?"]
+    remarks = []
+    doubted = set()
+    for mistake, codes in mistakes(error_map, others, version.assignment).items():
+        doubted.update(codes)
+        if mistake == REVERSED:
+            remarks.append(
+                f"{list_names(codes)} would fit the maps beside it with the opposite sign: are "
+                "they errors, actual minus nominal, or what is to be added to the command?"
+            )
+        elif mistake == MIRRORED:
+            remarks.append(
+                f"{list_names(codes)} would fit the maps beside it with the positions the other "
+                "way round: do they begin at the axis' other end?"
+            )
+        else:
+            remarks.append(
+                f"{list_names(codes)} would fit the maps beside it {mistake.factor:.4g} times as "
+                "large: in which unit was it measured?"
+            )
+    for label, codes in inexplicable(error_map, others, version.assignment).items():
+        others_codes = [code for code in codes if code not in doubted]
+        if others_codes:
+            remarks.append(
+                f"{list_names(others_codes)} differs from map {label!r} by more than the "
+                "temperatures explain: are errors, unit, axis and temperatures right?"
+            )
+    return remarks
 
 
 def table_remarks(machine: Machine, tables: Iterable[ComponentTable]) -> list[str]:

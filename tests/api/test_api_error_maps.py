@@ -263,7 +263,7 @@ async def test_where_the_machine_asks_for_it_near_maps_are_averaged(client):
     ids=["one", "short", "whole travel"],
 )
 async def test_what_is_unusual_about_a_table_is_said(client, positions_mm, said):
-    answer = await stored(client, table("EXX", positions_mm, [float(p) for p in positions_mm]))
+    answer = await stored(client, table("EXX", positions_mm, [p / 10 for p in positions_mm]))
     assert answer.status_code == 201
     warnings = answer.json()["warnings"]
     assert [said in w for w in warnings] == [True] if said else warnings == []
@@ -347,6 +347,30 @@ async def test_errors_that_may_be_compensations_are_asked_about(client):
     for answer in answers:
         (warning,) = answer.json()["warnings"]
         assert warning.startswith("EXX would fit the maps beside it with the opposite sign")
+
+
+async def test_a_copy_beside_the_map_that_it_was_made_of_is_asked_about(client):
+    copy = error_map("Run #1", 20.0) | {"label": "copy"}
+    copy["temperatures_c"] = dict.fromkeys(copy["temperatures_c"], 27.0)
+    (warning,) = (await client.post(PATH, json=copy)).json()["warnings"]
+    assert warning.startswith("its errors are those of map 'Run #1' to the last digit")
+
+
+@pytest.mark.parametrize(
+    ("errors_um", "said"),
+    [
+        ([0.0, 0.007, 0.035], "would fit the maps beside it 1000 times as large"),
+        ([35.0, 7.0, 0.0], "would fit the maps beside it with the positions the other way round"),
+        ([0.0, 900.0, 1400.0], "differs from map 'Run #3' by more than the temperatures explain"),
+    ],
+)
+async def test_errors_of_another_kind_than_those_beside_them_are_asked_about(
+    client, errors_um, said
+):
+    exx, *rest = error_map("Run #4", 27.0)["components"]
+    asked = error_map("Run #4", 27.0, components=[exx | {"errors_um": errors_um}, *rest])
+    (warning,) = (await client.post(PATH, json=asked)).json()["warnings"]
+    assert warning.startswith(f"EXX {said}")
 
 
 TOO_LARGE = "expected errors within ±10000 µm, got 12000 µm: is it in another unit"

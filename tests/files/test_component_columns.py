@@ -174,6 +174,13 @@ def test_a_date_that_is_no_iso_date_is_said_and_asked_for(tmp_path):
     assert read_error_map(file, STATED).error_map.measured_at.isoformat().startswith("2026-03-01")
 
 
+def test_angles_as_a_level_states_them(tmp_path):
+    rows = [["X [mm]", "EBX [mm/m]", "ECX [µm/m]"], [0, 0, 0], [9.0, 0.0012, 1.5]]
+    found = numbers(read(tmp_path, rows))
+    assert found["EBX"]["errors_urad"] == [0.0, 1.2]
+    assert found["ECX"]["errors_urad"] == [0.0, 1.5]
+
+
 def test_a_number_of_three_decimals_is_none_in_thousands(tmp_path):
     """Beside cells of text with decimal commas."""
     rows = [["X [mm]", "EXX [µm]", "EYX [µm]"], [0, "0,5", 1.284], [9.0, "1,25", 1.5]]

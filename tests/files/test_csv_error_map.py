@@ -259,6 +259,15 @@ def test_what_is_not_read_is_said(read):
     assert found.remarks[2] == "columns that are not read: by"
 
 
+def test_lines_above_the_column_names_are_named_and_not_each_line_below(complaints):
+    rows = "".join(f"EXX,{x},1,-\n" for x in range(5))
+    above = "Test title,X axis\nMachine,Shop\n"
+    assert complaints(f"{above}component,position_mm,error_um,note\n{rows}") == [
+        "run.csv, line 1: expected the names of 4 columns, as line 3 has, got 2; what stands above "
+        "the column names begins with #; decimal commas need semicolons between the columns"
+    ]
+
+
 @pytest.mark.parametrize(
     ("row", "complaint"),
     [

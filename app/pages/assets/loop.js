@@ -1,5 +1,5 @@
 // The loop: start, follow and cancel an analysis; adopt, go back, assign; store and delete checks.
-import { askOnce, changeWords, list, lossLines, momentOf, refused, send, sendVersion, t, told, typedOf, valueOf } from "./ask.js";
+import { askOnce, changeWords, list, lossLines, momentOf, refused, saidAnew, send, sendVersion, t, told, typedOf, valueOf } from "./ask.js";
 
 // Not awaited here: what is pressed before it has come is answered all the same.
 const uploading = document.getElementById("drop") ? import("./upload.js") : null;
@@ -19,7 +19,16 @@ function on(id, event, act) {
 // Following it
 
 function seconds(s) {
-  return s < 60 ? `${Math.round(s)} s` : `${Math.floor(s / 60)} min ${Math.round(s % 60)} s`;
+  const whole = Math.round(s);
+  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+}
+
+// What an analysis does, asked for once in the reader's language.
+const DOINGS = new Map();
+
+async function doing(words) {
+  if (!DOINGS.has(words)) DOINGS.set(words, (await saidAnew([words]))[0]);
+  return DOINGS.get(words);
 }
 
 let isLooking = false;
@@ -39,7 +48,7 @@ async function look() {
     return;
   }
   const percent = Math.round(100 * one.progress);
-  by("running").textContent = t("Analysis %(number)s: %(doing)s, %(share)s %%.", { number, doing: one.message, share: percent });
+  by("running").textContent = t("Analysis %(number)s: %(doing)s, %(share)s %%.", { number, doing: await doing(one.message), share: percent });
   by("progress").value = one.progress;
   by("arc").setAttribute("stroke-dasharray", `${percent} 100`);
   if (one.started_at) {
