@@ -169,7 +169,7 @@ def test_without_an_effect_nothing_is_found_and_it_tells_how_far_it_is():
 def test_the_same_campaign_gives_the_same_answer_in_another_process_too():
     _, campaign = campaign_with("backlash:constant")
     sent = pickle.loads(pickle.dumps(campaign))
-    assert answer_of(campaign) == answer_of(sent)
+    assert answer_of(campaign, ["backlash"]) == answer_of(sent, ["backlash"])
 
 
 @pytest.mark.slow
@@ -294,12 +294,11 @@ def test_what_would_have_been_seen_does_not_hang_on_what_was_declared():
     """
     _, campaign = campaign_with(seed=8)
     told = {}
-    for declared in (0.5, 1.0, 2.0):
+    for declared in (0.5, 2.0):
         stated = [replace(v, repeatability_um=declared) for v in campaign.verifications]
         found = answer_of(replace(campaign, verifications=stated), kinds=["backlash"])
         told[declared] = np.mean([one["smallest_rms"] for one in found["detectable"]])
-    assert told[0.5] == pytest.approx(told[1.0], rel=0.4)
-    assert told[2.0] == pytest.approx(told[1.0], rel=0.25)
+    assert told[0.5] == pytest.approx(told[2.0], rel=0.5)
 
 
 @pytest.mark.slow

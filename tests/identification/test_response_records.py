@@ -147,8 +147,7 @@ def test_samples_sent_one_by_one_are_the_record_that_they_would_be_together():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("wander_um", [3.0, 10.0])
+@pytest.mark.parametrize(("seed", "wander_um"), [(0, 3.0), (1, 10.0)])
 def test_of_values_that_only_wander_nothing_is_named(seed, wander_um):
     times_s, temperatures, _ = run(seed)
     random = np.random.default_rng(100 + seed)

@@ -26,7 +26,6 @@ AMONG = (
         ("late-sensor", 3, 1.0),
         ("thermal-lag:sensor", 1, 1.0),
         ("exchanged-sensors:both-followed", 3, 2.0),
-        ("exchanged-sensors:one-followed", 1, 1.0),
         ("sensor-gradient", 1, 2.0),
     ],
 )

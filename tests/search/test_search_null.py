@@ -17,12 +17,12 @@ from tests.search.search_campaigns import (
     whole,
 )
 
-CAMPAIGNS = 60
+CAMPAIGNS = 30
 
 
 @pytest.mark.slow
 def test_noise_with_visit_scatter_is_nothing():
-    """At one per cent a false finding in 60 campaigns is expected 0.6 times."""
+    """At one per cent a false finding in 30 campaigns is expected 0.3 times."""
     false = unexplained = 0
     for seed in range(CAMPAIGNS):
         campaign = make_campaign(seed, visits=12, targets=4)
@@ -32,8 +32,8 @@ def test_noise_with_visit_scatter_is_nothing():
         )
         false += bool(found.terms)
         unexplained += found.verdict is Verdict.UNEXPLAINED
-    assert false <= 2
-    assert unexplained <= 4
+    assert false <= 1
+    assert unexplained <= 2
 
 
 def blind(problem):
@@ -52,12 +52,12 @@ def test_points_taken_as_independent_alarm_always():
     Same likelihood, same threshold by draws, same prior; only the visits' part is missing.
     """
     naive = honest = 0
-    for seed in range(10):
+    for seed in range(5):
         campaign = make_campaign(seed, visits=12, targets=15)
         naive += bool(chosen_in(campaign, seed=seed, problem=blind(whole(campaign))))
         honest += bool(chosen_in(campaign, seed=seed))
-    assert naive == 10
-    assert honest <= 1
+    assert naive == 5
+    assert honest == 0
 
 
 def test_nothing_found_says_what_would_have_been_seen():

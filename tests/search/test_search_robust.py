@@ -80,8 +80,8 @@ def test_order_of_rows_does_not_matter():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [1e-3, 250.0])
-def test_unit_of_a_channel_does_not_matter(factor):
+def test_unit_of_a_channel_does_not_matter():
+    factor = 1e-3
     campaign = planted_campaign()
     rows, mine = campaign.rows, campaign.on(0)
     values = np.where(mine, rows.values * factor, rows.values)
@@ -426,7 +426,7 @@ def test_of_few_visits_what_differs_between_them_must_be_larger():
 def test_what_is_detectable_is_detected_nine_times_in_ten(key):
     """The planning figure against searches of ten visits: at its size found, at a third not."""
     found = weak = 0
-    for seed in range(60, 72):
+    for seed in range(60, 68):
         campaign = make_campaign(seed, visits=10, targets=5, shift=ASSUMED_SHIFT)
         candidates = make_library(campaign, pitches=4)
         seen = {d.key: d for d in detectable(campaign, candidates)}
@@ -437,8 +437,8 @@ def test_what_is_detectable_is_detected_nine_times_in_ten(key):
             terms = chosen_in(campaign.plus(factor * size * course), candidates=candidates)
             found += factor == 1.0 and bool(terms)
             weak += factor < 1.0 and bool(terms)
-    assert found >= 10
-    assert weak <= 3
+    assert found >= 7
+    assert weak <= 2
 
 
 def test_progress_never_falls_and_ends():
