@@ -308,12 +308,12 @@ async def test_a_refusal_names_a_number_that_could_be_adopted(app, client):
 async def test_a_plan_says_what_could_be_seen_and_stores_nothing(campaign, campaign_app):
     """The same visits again a month later, without values: nobody looks at those."""
     before = contents(campaign_app)
-    stored = [(await campaign.get(f"{ROOM}/verifications/{i}")).json() for i in ALL]
+    stored = [(await campaign.get(f"{ROOM}/verifications/{i}")).json() for i in ALL[:2]]
     planned = [{"observations": [_to_come(o) for o in v["observations"]]} for v in stored]
     answer = await campaign.post(f"{PATH}/plan", json={"planned": planned})
     assert answer.status_code == 200, answer.text
     plan = answer.json()
-    assert (plan["model_version"], plan["visits"]) == (3, 8)
+    assert (plan["model_version"], plan["visits"]) == (3, 2)
     assert any("recorded days" in note for note in plan["notes"])
     backlash = [e for e in plan["effects"] if e["kind"] == "backlash"]
     assert backlash
