@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from itertools import groupby, zip_longest
+from itertools import groupby
 from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
@@ -44,14 +43,9 @@ from thermap.call import Call
 
 POSITIONS_SHOWN: Final = 5
 SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
-_SIGN_ALONE: Final = "compensation: minus the error, added to the command"
 _PLAIN: Final = frozenset({"interpolated", "at-map"})
 _NAME, _CHAPTER, _WORD, _UNIT, _NUMBER = 7, 8, 12, 6, 7
 """Widths of the columns, the same in every group; numbers may need more."""
-_HALF, _HALF_NUMBER, _GAP = 10, 6, 2
-"""Widths where two components share a row: of their words, of a number, between the two."""
-_LEAST_IN_HALVES: Final = 3
-"""Positions below which components do not share rows: straightness is zero at both ends."""
 
 _NumberColumns: TypeAlias = Sequence[Mapping[str, Any]]
 """How rich is to make the columns of numbers."""
@@ -108,14 +102,6 @@ def _table(
     return tagged.table
 
 
-class Layout(Enum):
-    """How much a table shows, and thereby how many lines it takes."""
-
-    FULL = "errors and compensation, side by side where the width suffices"
-    COMPENSATION = "without the errors where they would take rows of their own"
-    PAIRED = "without the errors, rotations beside the displacements of their axis"
-
-
 @dataclass(frozen=True, slots=True)
 class ComponentRow:
     """One component in one direction of approach: what a row of the view is made of."""
@@ -149,12 +135,7 @@ def signed(value: float) -> str:
 
 
 def table_view(
-    answer: CompensationAnswer,
-    width: int,
-    *,
-    layout: Layout = Layout.FULL,
-    tight: bool = False,
-    hint: str = "--json has all",
+    answer: CompensationAnswer, width: int, *, hint: str = "--json has all"
 ) -> RenderableType:
     """Lay a table out for a terminal.
 
@@ -163,10 +144,6 @@ def table_view(
     width
         Columns of the terminal; where they suffice, errors and compensation stand
         side by side, else one above the other.
-    layout
-        What may be left out, and whether components share rows.
-    tight
-        Leave out blank lines and the explanation of the sign.
     hint
         Where the positions are that are left out.
     """
@@ -178,15 +155,11 @@ def table_view(
         if effect.in_table:
             parts.append(Text(f"+ {effect.kind}: {sentence(effect.explanation)}", style="dim"))
             parts.extend(Text(f"  {_sure(sureness)}", style="dim") for sureness in effect.sureness)
-    blank = [] if tight else [Text()]
     for entries in _by_origin(answer.components):
-        parts.extend([*blank, _origin(entries[0])])
+        parts.extend([Text(), _origin(entries[0])])
         for _, group in groupby(entries, key=lambda entry: (entry.axis, entry.positions_mm)):
-            parts.append(_numbers(list(group), width, layout))
-    if layout is Layout.PAIRED:
-        parts.append(Text(_SIGN_ALONE, style="dim"))
-    elif not tight:
-        parts.append(Text("\n" + SIGN + _left_out(answer, _rows_in(width), hint), style="dim"))
+            parts.append(_numbers(list(group), width))
+    parts.append(Text("\n" + SIGN + _left_out(answer, _rows_in(width), hint), style="dim"))
     return Group(*parts)
 
 
@@ -261,61 +234,21 @@ def _others_followed(entry: ComponentCompensationAnswer) -> str:
     return f" ({', '.join(shares)})" if shares else ""
 
 
-def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int, layout: Layout) -> Table:
+def _numbers(entries: Sequence[ComponentCompensationAnswer], width: int) -> Table:
     """Lay a group's numbers out under their positions."""
-    in_halves = _shown_in_halves(entries, width)
-    if layout is Layout.PAIRED and in_halves >= _LEAST_IN_HALVES:
-        return _paired(entries, in_halves)
     positions = entries[0].positions_mm or []
     chosen = evenly_chosen(len(positions), _rows_in(width)) if positions else [0]
     headings = [f"{positions[i]:g}" for i in chosen] if positions else [""]
     rows = [row for entry in entries for row in _component_rows(entry, chosen)]
     numbers = [signed(v) for row in rows for v in (*row.errors, *row.compensation)]
     number_width = max(_NUMBER, *map(len, numbers), *map(len, headings))
-    enough = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
-    wide = enough and layout is not Layout.PAIRED
-    table = _empty_table()
+    is_wide = 38 + 2 * POSITIONS_SHOWN * (number_width + 1) <= width
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     table.show_header = bool(positions)
     table.add_column(f"{entries[0].axis} in mm" if positions else "", width=_NAME)
-    add = _add_wide if wide else _add_tall if layout is Layout.FULL else _add_short
+    add = _add_wide if is_wide else _add_tall
     add(table, rows, [{"header": heading, "min_width": number_width} for heading in headings])
     return table
-
-
-def _shown_in_halves(entries: Sequence[ComponentCompensationAnswer], width: int) -> int:
-    """Say how many positions fit where displacements and rotations share rows; 0: they cannot."""
-    if len({COMPONENTS[entry.component].is_rotation for entry in entries}) < 2:
-        return 0
-    everywhere = range(len(entries[0].positions_mm or []))
-    rows = [row for entry in entries for row in _component_rows(entry, everywhere)]
-    widths = [len(signed(value)) for row in rows for value in row.compensation]
-    beside = width - 2 * (_HALF + 1) - _GAP
-    return min(beside // (2 * (max(_HALF_NUMBER, *widths) + 1)), POSITIONS_SHOWN)
-
-
-def _paired(entries: Sequence[ComponentCompensationAnswer], rows: int) -> Table:
-    """Lay an axis' compensation out in two halves: displacements, and rotations beside them."""
-    positions = entries[0].positions_mm or []
-    chosen = evenly_chosen(len(positions), rows)
-    halves: tuple[list[list[str]], list[list[str]]] = ([], [])
-    for entry in entries:
-        for row in _component_rows(entry, chosen):
-            words = f"{row.code:5} {row.unit}"
-            halves[COMPONENTS[entry.component].is_rotation].append(
-                [words, *map(signed, row.compensation)]
-            )
-    table = _empty_table()
-    columns = [{"header": f"{positions[i]:g}", "min_width": _HALF_NUMBER} for i in chosen]
-    for gap in (0, _GAP):
-        table.add_column(" " * gap + f"{entries[0].axis} in mm", min_width=_HALF + gap)
-        _add_numbers(table, columns)
-    for displacement, rotation in zip_longest(*halves, fillvalue=[""] * (1 + len(chosen))):
-        table.add_row(*displacement, " " * _GAP + rotation[0], *rotation[1:])
-    return table
-
-
-def _empty_table() -> Table:
-    return Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
 
 
 def _rows_in(width: int) -> int:
@@ -350,15 +283,6 @@ def _add_tall(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumn
         table.add_row(row.code, "error", row.unit, *map(signed, row.errors), row.remark)
         compensation = map(signed, row.compensation)
         table.add_row(row.chapter, "compensation", row.unit, *compensation, style="cyan")
-
-
-def _add_short(table: Table, rows: Iterable[ComponentRow], numbers: _NumberColumns) -> None:
-    """One row a component, without its errors."""
-    table.add_column("compensation", width=_WORD)
-    table.add_column("", width=_UNIT)
-    _add_numbers(table, numbers)
-    for row in rows:
-        table.add_row(row.code, row.chapter, row.unit, *map(signed, row.compensation))
 
 
 def _add_numbers(table: Table, numbers: _NumberColumns) -> None:

@@ -9,12 +9,10 @@ from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
 import typer
-from rich.console import Console
-from rich.live import Live
 
 from app.cli.console import console
 from app.cli.demo_machine import reading_at, set_up
-from app.cli.demo_view import argument_view, live_view, short_line
+from app.cli.demo_view import argument_view, current_view, short_line
 from app.cli.demo_week import loading_week, show_later, week_hint
 from app.cli.listening import (
     database_of,
@@ -75,7 +73,8 @@ def demo(
 
     It stores Runs 1, 3 and 6 of the example, shows what compensation leaves of the
     other runs (µm, µm/m, µrad), then sends a reading every second (°C) and shows the
-    compensation table as it changes. Everything about the machine is simulated.
+    compensation table, which the dashboard shows as it changes. Everything about the machine
+    is simulated.
 
     A second machine, `mcfv5050-week`, has a week of readings, verifications, and an effect that
     its model lacks: `thermap analyse mcfv5050-week --adopt` finds it.
@@ -123,7 +122,12 @@ def demo(
         first = next(tables)
         # The first table stands before anything else is asked of the service.
         running.enter_context(loading_week(url))
-        _show(first, tables, terminal)
+        terminal.print(current_view(first, terminal.width))
+        last_line_s = time.monotonic()
+        for table in tables:
+            if time.monotonic() - last_line_s >= LINE_EVERY_S:
+                last_line_s += LINE_EVERY_S
+                echo(short_line(table))
 
 
 def _where(ctx: typer.Context, url: str, host: str, port: int) -> str:
@@ -146,21 +150,3 @@ def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompen
         assert tagged is not None  # without an ETag there is always a table
         yield tagged.table
         time.sleep(READING_EVERY_S - time.time() % READING_EVERY_S)
-
-
-def _show(
-    first: CurrentCompensationAnswer,
-    tables: Iterator[CurrentCompensationAnswer],
-    terminal: Console,
-) -> None:
-    """On a terminal the table that changes; in a pipe the table once, then a line now and then."""
-    if terminal.is_terminal:
-        with Live(live_view(first, terminal), console=terminal, auto_refresh=False) as live:
-            for table in tables:
-                live.update(live_view(table, terminal), refresh=True)
-    terminal.print(live_view(first, terminal))
-    last_line_s = time.monotonic()
-    for table in tables:
-        if time.monotonic() - last_line_s >= LINE_EVERY_S:
-            last_line_s += LINE_EVERY_S
-            echo(short_line(table))

@@ -1,27 +1,17 @@
-"""What the demonstration shows: the chapter's argument, and the table that lives."""
+"""What the demonstration shows: the chapter's argument, the table, and where it stands later."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
 
 import numpy as np
-from rich.console import Console, Group, RenderableType
-from rich.segment import Segment, SegmentLines
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.compensate import Layout, signed, table_view
+from app.cli.compensate import signed, table_view
 from app.simulation.example.remaining_error import RemainingError
 from thermap.answers import CurrentCompensationAnswer
-
-_LAYOUTS: Final = (
-    (Layout.FULL, False),
-    (Layout.COMPENSATION, False),
-    (Layout.COMPENSATION, True),
-    (Layout.PAIRED, True),
-)
-"""From the tallest to the lowest: what is shown, and whether blank lines are left out."""
 
 
 def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
@@ -57,36 +47,11 @@ def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
     )
 
 
-def live_view(table: CurrentCompensationAnswer, console: Console) -> RenderableType:
-    """Lay the live table out so that it fits the terminal; in a pipe everything is shown."""
-    if not console.is_terminal:
-        return _laid_out(table, console.width, Layout.FULL, tight=False)
-    # The last row stays free: the shell's prompt comes there without moving the view.
-    rows = console.height - 1
-    too_high = []
-    for layout, tight in _LAYOUTS:
-        view = _laid_out(table, console.width, layout, tight=tight)
-        lines = console.render_lines(view, pad=False)
-        if len(lines) <= rows:
-            return SegmentLines(lines, new_lines=True)
-        too_high.append(lines)
-    return _cut(min(too_high, key=len), max(rows - 1, 0))
-
-
-def _cut(lines: list[list[Segment]], rows: int) -> RenderableType:
-    """Show as many lines as there is room for, and say how high the terminal should be."""
-    return Group(
-        SegmentLines(lines[:rows], new_lines=True),
-        Text(f"and {len(lines) - rows} more lines in a terminal of {len(lines) + 1}", "yellow"),
-    )
-
-
-def _laid_out(
-    table: CurrentCompensationAnswer, width: int, layout: Layout, *, tight: bool
-) -> RenderableType:
+def current_view(table: CurrentCompensationAnswer, width: int) -> RenderableType:
+    """Lay the table of a moment out."""
     return Group(
         Text.assemble(("SIMULATED ", "bold yellow"), "a reading every second; Ctrl-C ends it"),
-        table_view(table, width, layout=layout, tight=tight, hint="/docs leads to all"),
+        table_view(table, width, hint="/docs leads to all"),
     )
 
 
