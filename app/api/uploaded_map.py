@@ -123,8 +123,7 @@ def read_uploaded_map(
     InvalidContent
         With an entry, under `file`, for everything that is wrong in the words of the command
         line: line, column, what was expected and what came; under its own name for what the file
-        lacks and may be stated; if it is of another method or machine. `OtherKind` if it is
-        a check.
+        lacks and may be stated; if it is of another method or machine, or a check.
     """
     file = Path(Path(name).name or "file.csv")
     expects_map = method is None

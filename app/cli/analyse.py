@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Final
@@ -14,7 +14,6 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from app.cli.analyse_view import analysis_view, plan_view
-from app.cli.answers import shell_words
 from app.cli.check_files import look_at_checks, look_at_visits, store_checks
 from app.cli.console import console
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
@@ -31,7 +30,6 @@ from app.cli.options import (
 from app.cli.planned_visits import write_visits
 from app.cli.terminal import echo, write_document
 from app.errors import ThermapError, list_names
-from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
 from app.pages.report_parts.words import sentence
@@ -42,7 +40,7 @@ from thermap import (
     ThermapClientError,
     loop_calls,
 )
-from thermap.answers import ModelCoverageAnswer
+from thermap.answers import VerificationPreview
 
 _PLAN: Final = TypeAdapter(Plan)
 
@@ -155,7 +153,7 @@ def analyse(
             return
         stored: list[int] = []
         read = look_at_checks(thermap, machine, verification or [])
-        _expect_comparable(thermap, machine, {c for _, check in read for c in check.components})
+        _expect_comparable(thermap, machine, [check for _, check in read])
         with _naming_what_is_stored(machine, stored):
             store_checks(thermap, read, stored)
             ids = stored or chosen_verifications(thermap, machine, None)
@@ -275,64 +273,21 @@ def _show_plan(thermap: ThermapClient, machine: str, files: Sequence[Path], *, j
     _show(content if json else plan_view(_PLAN.validate_json(content)))
 
 
-def _expect_comparable(thermap: ThermapClient, machine: str, observed: Collection[str]) -> None:
-    """Say once, before anything is stored, what of the files the model cannot be held against.
-
-    Parameters
-    ----------
-    observed
-        Codes of components, and `points`.
+def _expect_comparable(
+    thermap: ThermapClient, machine: str, checks: Sequence[VerificationPreview]
+) -> None:
+    """Refuse before anything is stored what the model can be held against in nothing.
 
     Raises
     ------
     NotAnalysed
-        If that is everything.
+        With what the service says of it.
     """
-    codes = ORDER.keys() & observed
     active = thermap.machine(machine).active_model
-    if not codes:
-        return
-    covered = None if active is None else thermap.model_coverage(machine, active)
-    covered_codes = set(covered.components if covered else ())
-    lacking = sorted(codes - covered_codes, key=ORDER.__getitem__)
-    if not lacking:
-        return
-    reason = f"{list_names(lacking)}: {_why_lacking(thermap, machine, covered, lacking)}"
-    if not covered_codes & codes and "points" not in observed:
-        raise NotAnalysed(
-            "nothing was sent, because there is nothing to compare it with: no table has " + reason
-        )
-    echo(f"note: not compared, because no table has {reason}", err=True)
-
-
-def _why_lacking(
-    thermap: ThermapClient,
-    machine: str,
-    covered: ModelCoverageAnswer | None,
-    lacking: Sequence[str],
-) -> str:
-    """Say why tables lack components, and what to do."""
-    if covered is None:
-        return f"machine {machine!r} has no model yet; import error maps first"
-    omitted, assigned = covered.omitted, thermap.sensor_assignment(machine)
-    without = [code for code in lacking if code in omitted and code not in assigned]
-    few = [code for code in lacking if code in omitted and code in assigned]
-    reasons = []
-    if without:
-        sensors = [sensor.name for sensor in thermap.machine(machine).sensors]
-        first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
-        reasons.append(
-            f"no sensor is assigned to {list_names(without)}, of {list_names(sensors)}; "
-            f"`thermap sensors assign {first} … "
-            f"--machine {machine}` assigns them, `thermap sensors correlate --machine {machine}` "
-            "proposes which"
-        )
-    if few:
-        reasons.append(f"{few[0]}: {omitted[few[0]]}" + (" (others likewise)" if few[1:] else ""))
-    unmeasured = [code for code in lacking if code not in omitted]
-    if unmeasured:
-        reasons.append(f"no error map of the active model has {list_names(unmeasured)}")
-    return "; ".join(reasons)
+    covered = () if active is None else thermap.model_coverage(machine, active).components
+    if checks and {*covered, "points"}.isdisjoint(c for check in checks for c in check.components):
+        why = "; ".join(dict.fromkeys(words for check in checks for words in check.warnings))
+        raise NotAnalysed(f"nothing was sent, as there is nothing to compare it with: {why}")
 
 
 def _follow(thermap: ThermapClient, machine: str, analysis_id: int, ctrl_c: _CtrlC) -> None:

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from app.cli.answers import shell_words
 from app.cli.console import console
 from app.cli.measurement_view import measurement_view
 from app.cli.models import preview_lines, waiting_lines
@@ -29,9 +28,8 @@ from app.cli.uploads import (
     send,
 )
 from app.errors import counted, list_names
-from app.geometry.components import COMPONENTS, ORDER, parse_component
 from app.json_text import NoJsonError, RepeatedNameError, read_json
-from thermap import DEFAULT_URL, ThermapClient, UnknownThingError, calls
+from thermap import DEFAULT_URL, ThermapClient, calls
 from thermap.answers import (
     DriftVerificationAnswer,
     ErrorMapAnswer,
@@ -188,7 +186,6 @@ def import_files(
             for upload, sent in zip(imported.uploads, looks, strict=True):
                 _show(upload.file, sent, json=json)
             return
-        _note_unassigned(thermap, imported.uploads, looks)
         for file, machine_id, readings in imported.readings:
             with naming(file):
                 _store_readings(thermap, file, machine_id, readings)
@@ -416,61 +413,4 @@ def _kept_words(machine: str, label: str | None, stored: DriftVerificationAnswer
         f"verification {str(label)!r} {how} number {stored.id}: "
         f"{counted(stored.observations, 'observation')} of {list_names(stored.components)}, and "
         f"{readings} of the temperatures; `thermap analyse {machine}` searches it"
-    )
-
-
-def _note_unassigned(
-    thermap: ThermapClient,
-    uploads: Sequence[Upload],
-    looks: Sequence[Sent[calls.ImportedFile]],
-) -> None:
-    """Say once, before maps are stored, which of their components no table will have, and why.
-
-    Nothing is said where every component follows a sensor that is assigned to it or that the
-    chapter names.
-    """
-    by_machine: dict[str, set[str]] = {}
-    for upload, look in zip(uploads, looks, strict=True):
-        by_machine.setdefault(upload.machine, set()).update(_components_of(look.answer))
-    for machine, codes in by_machine.items():
-        sensors = [sensor.name for sensor in thermap.machine(machine).sensors]
-        try:
-            assigned = thermap.sensor_assignment(machine)
-        except UnknownThingError:
-            assigned = {}
-        without = [
-            code
-            for code in sorted(codes, key=ORDER.__getitem__)
-            if code not in assigned
-            and len(sensors) != 1
-            and COMPONENTS[code].default_sensor not in sensors
-        ]
-        if without:
-            _note_without_sensor(machine, sensors, without)
-
-
-def _components_of(answer: calls.ImportedFile) -> list[str]:
-    if isinstance(answer, MapPreview):
-        return answer.components
-    if isinstance(answer, MeasurementAnswer) and answer.preview is not None:
-        return [parse_component(entry.component)[0].code for entry in answer.components]
-    return []
-
-
-def _note_without_sensor(machine: str, sensors: Sequence[str], without: Sequence[str]) -> None:
-    usual = dict.fromkeys(COMPONENTS[code].default_sensor for code in without)
-    names = ", ".join(
-        f"{sensor} for {list_names([c for c in without if COMPONENTS[c].default_sensor == sensor])}"
-        for sensor in usual
-        if sensor
-    )
-    first = shell_words([f"{without[0]}={sensors[0] if sensors else 'SENSOR'}"])
-    echo(
-        f"note: no sensor is assigned to {list_names(without)}: tables will not have them, and "
-        "nothing can be compared with them. Machine "
-        f"{machine!r} has the sensors {list_names(sensors)}"
-        + (f", and none that is the usual one ({names})" if names else "")
-        + f". `thermap sensors assign {first} … --machine {machine}` assigns "
-        "them; once maps are stored, `thermap sensors correlate` proposes which.",
-        err=True,
     )

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from app.errors import FieldError, InvalidContent
+from app.errors import InvalidContent
 from app.files.component_sheets import read_component_sheets
 from app.files.csv_columns import normal_heading
 from app.files.csv_error_map import has_error_columns
@@ -109,18 +109,12 @@ def json_of(content: bytes, problems: Problems) -> Any:
     return None
 
 
-class OtherKind(InvalidContent):
-    """A file holds the other kind than was expected."""
-
-    kind: FileKind
-
-
 def refuse_other_kind(expected: FileKind, content: bytes, file: Path) -> None:
     """Say of a file that could not be read as expected that it holds the other kind.
 
     Raises
     ------
-    OtherKind
+    InvalidContent
         If it does.
     """
     kind = kind_of_file(content, file)
@@ -128,6 +122,4 @@ def refuse_other_kind(expected: FileKind, content: bytes, file: Path) -> None:
         return
     command = _COMMANDS[kind].format(f'"{file}"' if " " in str(file) else file)
     sentence = f"{file}: expected {expected.words}, got {kind.words}: {command}"
-    error = OtherKind(sentence, [FieldError("file", sentence)])
-    error.kind = kind
-    raise error
+    raise InvalidContent.of_field("file", sentence)

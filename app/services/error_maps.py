@@ -165,10 +165,10 @@ def _draft(change: MachineChange, stored: StoredMap) -> Draft:
 
 def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
-    machine = change.machine
+    machine, latest = change.machine, change.latest
     remarks = [
         *_doubted_units(error_map),
-        *_doubted_errors(change.latest, error_map),
+        *_doubted_errors(latest, error_map),
         *doubted_temperatures(
             error_map.temperatures_c,
             temperatures_then(change.session, machine, error_map.measured_at),
@@ -180,6 +180,18 @@ def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
         temperatures_c = error_map.temperatures_c
         if stand_in and sensor.name in temperatures_c and stand_in not in temperatures_c:
             remarks.append(f"without a temperature, {stand_in} cannot stand in for {sensor.name}")
+    assignment = latest.assignment if latest else {}
+    unassigned = [
+        code
+        for code in error_map.tables
+        if code not in assignment and machine.default_sensor(code) is None
+    ]
+    if unassigned:
+        remarks.append(
+            f"no sensor is assigned to {list_names(unassigned)}: tables will not have them, and "
+            "nothing is compared with them. Assign one on the page Set-up, or with `thermap "
+            "sensors assign`"
+        )
     return remarks
 
 

@@ -138,15 +138,9 @@ def check_verification(
 
 
 def remarks_on_verification(
-    context: Context, machine_id: str, verification: Verification, components: Sequence[str]
+    context: Context, machine_id: str, verification: Verification
 ) -> list[str]:
-    """Say what is taken as it came although it may be a mistake, and what is not compared.
-
-    Parameters
-    ----------
-    components
-        What was observed: codes, and `points`.
-    """
+    """Say what is taken as it came although it may be a mistake, and what is not compared."""
     with context.database.reading() as session:
         row = find_machine(session, machine_id)
         version, machine = active_version(session, row), stored_machine(row).machine
@@ -155,7 +149,7 @@ def remarks_on_verification(
         *verification.remarks,
         *copies,
         *_maybe_in_metres(machine, verification.observations),
-        *_not_compared(machine, version, components),
+        *_not_compared(machine, version, verification),
     ]
 
 
@@ -204,16 +198,14 @@ def _maybe_in_metres(machine: Machine, observations: Sequence[Observation]) -> l
 
 
 def _not_compared(
-    machine: Machine, version: ModelVersion | None, components: Sequence[str]
+    machine: Machine, version: ModelVersion | None, verification: Verification
 ) -> list[str]:
-    """Say what of a verification a version has nothing to be compared with, and why.
-
-    `components` are what was observed: codes, and `points`.
-    """
+    """Say what of a verification a version has nothing to be compared with, and why."""
     if version is None:
         return [f"machine {machine.id!r} has no model yet: there is nothing to compare this with"]
     effective = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
-    lacking = [code for code in components if code in COMPONENTS and code not in effective.codes]
+    observed = {o.component for o in verification.observations}
+    lacking = [code for code in COMPONENTS if code in observed and code not in effective.codes]
     omitted = effective.model.omitted
     reasons = [f"{code}: {omitted[code]}" for code in lacking if code in omitted]
     unmeasured = [code for code in lacking if code not in omitted]

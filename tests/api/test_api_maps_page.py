@@ -12,8 +12,8 @@ from tests.service_examples import ROOM, START, iso, problem, reading
 pytestmark = pytest.mark.anyio
 
 MAPS = "/machines/mcfv5050/maps"
-PREVIEW = "/machines/mcfv5050/files/preview"
 CSV = {"Content-Type": "text/csv"}
+AS_PAGE = {"Accept": "text/html"}
 
 SHORT = """# label: short
 # measured_at: 2026-03-01T06:00:00Z
@@ -44,7 +44,8 @@ async def test_a_file_is_shown_before_it_is_stored_and_then_waits(client):
     await feed(client, reading(START, 27.0))
     before = (await client.get(f"{ROOM}/error-maps")).json()
     asked = {"name": "run-9.csv"}
-    found = await client.post(PREVIEW, params=asked, content=SHORT, headers=CSV)
+    look = asked | {"preview": True}
+    found = await client.post(f"{ROOM}/files", params=look, content=SHORT, headers=CSV | AS_PAGE)
     assert found.status_code == 200, found.text
     assert "Storing this map would lose EXX" in found.text
     assert "Keep as waiting" in found.text
@@ -79,10 +80,10 @@ async def test_a_stored_map_and_check_are_shown_and_can_be_downloaded(client):
 
 async def test_what_is_wrong_in_a_file_is_said_with_line_and_column(client):
     route = f"{ROOM}/files"
-    for path in (route, PREVIEW):
+    for preview in (False, True):
         answer = await client.post(
-            path,
-            params={"name": "run-9.csv"},
+            route,
+            params={"name": "run-9.csv", "preview": preview},
             content=SHORT.replace("5.0", "n/a"),
             headers=CSV,
         )
@@ -121,11 +122,12 @@ BINARY = {"Content-Type": "application/octet-stream"}
 
 
 async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
-    for path in (f"{ROOM}/files", PREVIEW):
+    for preview in (False, True):
 
-        async def send(path=path, **beside):
-            query = {"name": "x.rtl"} | beside
-            return await client.post(path, params=query, content=RTL, headers=BINARY)
+        async def send(preview=preview, **beside):
+            query = {"name": "x.rtl", "preview": preview} | beside
+            headers = BINARY | AS_PAGE
+            return await client.post(f"{ROOM}/files", params=query, content=RTL, headers=headers)
 
         asked = {one["field"]: one["message"] for one in problem(await send(), 422)["errors"]}
         assert asked == {"axis": "expected Axis: x, y or z, got 'U-Achse'"}
@@ -149,7 +151,12 @@ async def test_what_an_instruments_file_does_not_say_is_asked_by_name(client):
 async def test_an_instruments_file_is_shown_and_stored_as_its_measurement_is(client):
     """A file makes the map that its readings make when they are sent as a measurement."""
     await feed(client, reading(START, 27.0))
-    shown_before = await client.post(PREVIEW, params=BESIDE, content=RTL, headers=BINARY)
+    shown_before = await client.post(
+        f"{ROOM}/files",
+        params=BESIDE | {"preview": True},
+        content=RTL,
+        headers=BINARY | AS_PAGE,
+    )
     assert shown_before.status_code == 200, shown_before.text
     assert "map by positioning ‘cold’" in shown_before.text
     assert "2026-03-01 05:30:00 UTC" in shown_before.text

@@ -14,7 +14,6 @@ from tests.service_examples import ROOM, START, iso, problem
 pytestmark = pytest.mark.anyio
 
 ROUTE = f"{ROOM}/files"
-PREVIEW = "/machines/mcfv5050/files/preview"
 CSV = {"Content-Type": "text/csv"}
 ROWS = [
     ["time", "component", "position_mm", "measured_um"],
@@ -115,7 +114,10 @@ async def test_what_was_read_is_shown_before_it_is_stored(client, name):
     if name.endswith("json"):
         content = json.dumps(verification(label="night", datum="first"))
     shown = await client.post(
-        PREVIEW, params={"name": name, "expected": "check"}, content=content, headers=CSV
+        ROUTE,
+        params={"name": name, "expected": "check", "preview": True},
+        content=content,
+        headers=CSV | {"Accept": "text/html"},
     )
     assert shown.status_code == 200, shown.text
     for said in ("night", "first: each component", "not stated", "EXX", "4.31", "polyline"):

@@ -105,7 +105,7 @@ def sending_from(app, address):
     [
         (f"{ROOM}/files?kind=check", uploads, "read_uploaded_verification"),
         (f"{ROOM}/files?kind=map", uploads, "read_uploaded_map"),
-        ("/machines/mcfv5050/files/preview", uploads, "read_uploaded_map"),
+        (f"{ROOM}/files?expected=map", uploads, "read_uploaded_map"),
     ],
 )
 async def test_few_files_are_read_at_once_and_without_it_and_hold_no_turn(

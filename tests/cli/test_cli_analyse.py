@@ -225,14 +225,13 @@ def test_what_nothing_can_be_compared_with_is_told_once_before_it_is_stored(
     found = thermap("analyse", "mill", *files)
     assert found.exit_code == 1
     told = plain(found.stderr)
-    assert told.startswith("thermap: nothing was sent, because there is nothing to compare it with")
-    assert told.count("no sensor is assigned to EXX, EZZ") == 1
-    assert "bed, column" in told
-    assert "`thermap sensors assign EXX=bed … --machine mill`" in told
+    assert told.startswith("thermap: nothing was sent, as there is nothing to compare it with: ")
+    assert told.count("has EXX, EZZ, and nothing is compared with them") == 1
+    assert "EXX: no sensor is assigned to it" in told
     assert client.verifications("mill") == []
     client.assign_sensors("mill", {"EXX": "bed"})
     found = thermap("analyse", "mill", *files)
-    assert "note: not compared, because no table has EZZ" in plain(found.stderr)
+    assert "has EZZ, and nothing is compared with them" in plain(found.stderr)
     assert len(client.verifications("mill")) == 2
 
 

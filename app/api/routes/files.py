@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Union
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import Depends, Header, Query, Request, Response
 
 from app.answer import fields_of
 from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath
+from app.api.media_types import HTML, JSON
 from app.api.methods.registry import METHODS
 from app.api.methods.shapes import MeasurementAnswer
+from app.api.negotiation import chosen_form
 from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.error_maps import store_map
@@ -34,14 +35,18 @@ from app.api.uploads import (
     uploaded_verification,
 )
 from app.errors import FieldError, InvalidContent, list_names
-from app.files.file_kind import FileKind, OtherKind, kind_of_file
+from app.files.file_kind import FileKind, kind_of_file
 from app.pages.dashboard.loop import check_preview
 from app.pages.dashboard.maps import upload_preview
 from app.pages.what_was_read import read_of_map, read_of_verification
 from app.services.context import Context
 from app.services.error_maps import preview_error_map
 from app.services.measurements import Storing, measured_machine
-from app.services.verifications import check_places, check_verification
+from app.services.verifications import (
+    check_places,
+    check_verification,
+    remarks_on_verification,
+)
 
 PlannedQuery = Annotated[
     bool,
@@ -58,7 +63,11 @@ ImportedFile = (
 _ANSWER: Any = Union[ImportedFile, *(method.answer for method in METHODS.values())]
 
 _NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"model": _ANSWER, "description": "The preview; or what is stored already"}
+    200: {
+        "model": _ANSWER,
+        "description": "The preview; or what is stored already",
+        "content": {HTML: {"schema": {"type": "string"}}},
+    }
 }
 
 
@@ -72,19 +81,23 @@ async def _recognised(
     name: FileName = "file.csv",
     kind: Annotated[
         FileKind | None,
-        Query(description="What it holds, `map` or `check`, where the file itself does not say"),
+        Query(description="What it holds, `map` or `check`; one of the other kind is refused"),
     ] = None,
+    expected: Annotated[
+        FileKind,
+        Query(description="What it is taken for where neither it nor `kind` says what it holds"),
+    ] = FileKind.MAP,
     planned: PlannedQuery = False,
 ) -> Found:
-    """Read a file as what it is; what looks like neither is taken for a map, and refused as one."""
+    """Read a file as what it is; what looks like neither is read as what is expected."""
     if planned:
         kind = FileKind.CHECK
         if storing.store and not storing.preview:
             raise InvalidContent.of_field(
                 "planned", "expected with `preview`: what is yet to be measured cannot be stored"
             )
-    kind = kind or await in_a_thread(lambda: kind_of_file(content, Path(name)))
-    if kind is not FileKind.CHECK:
+    kind = kind or await in_a_thread(lambda: kind_of_file(content, Path(name))) or expected
+    if kind is FileKind.MAP:
         found = await uploaded_map(request, context, machine, content, beside, storing, name)
         if isinstance(found, FoundMap):
             refuse_what_readings_have(name, beside, storing)
@@ -108,13 +121,16 @@ router = Router(route_class=FileRoute, read_first=_recognised, tags=["error maps
     openapi_extra=FILE_BODY,
 )
 def post_file(
+    request: Request,
     context: ContextDep,
     machine: MachinePath,
     upload: Annotated[Found, Depends(_recognised)],
     storing: StoringQuery,
     response: Response,
+    name: FileName = "file.csv",
     planned: PlannedQuery = False,
-) -> ImportedFile | MeasurementAnswer:
+    accept: Annotated[str, Header(description=f"`{JSON}`, or `{HTML}` for a preview")] = JSON,
+) -> ImportedFile | MeasurementAnswer | Page:
     """Store an error map or check measurements: CSV, an Excel workbook, or JSON.
 
     Which of them it is, is recognised by its columns, or by the names in its JSON. A map may also
@@ -126,10 +142,34 @@ def post_file(
     `warnings`. All else is as with the same in JSON. A preview says how the file was read; whether
     tables change check measurements do not decide.
     """
+    as_page = storing.preview and not planned and chosen_form(accept, [JSON, HTML]) == HTML
+    if as_page:
+        take_reader(request)
+    if isinstance(upload, UploadedVerification):
+        answer = _answer_to_check(context, machine, upload, storing, response, planned=planned)
+        if as_page and isinstance(answer, VerificationPreview):
+            return _page(check_preview(upload.verification, name, answer.warnings))
+        return answer
+    if as_page:
+        return _page(_preview_of_map(context, machine, upload, name))
     if isinstance(upload, FoundMap):
         return _answer_to_map(context, machine, upload, storing, response)
-    if isinstance(upload, FoundReadings):
-        return _answer_to_readings(context, upload, storing, response)
+    return _answer_to_readings(context, upload, storing, response)
+
+
+def _page(part: str) -> Page:
+    return Page(part, scripts=0, headers={"Vary": "Accept", "Cache-Control": "no-store"})
+
+
+def _answer_to_check(
+    context: Context,
+    machine: str,
+    upload: UploadedVerification,
+    storing: Storing,
+    response: Response,
+    *,
+    planned: bool,
+) -> StoredVerificationAnswer | VerificationPreview | VisitPreview:
     check = upload.verification
     try:
         if planned:
@@ -144,8 +184,8 @@ def post_file(
     if planned:
         visit = PlannedVerification.model_validate(upload.body)
         return VisitPreview(planned=visit, warnings=[*upload.remarks, *check.remarks])
-    read = list(read_of_verification(check).lines())
-    return VerificationPreview.of(check, [*upload.remarks, *check.remarks], read)
+    remarks = [*upload.remarks, *remarks_on_verification(context, machine, check)]
+    return VerificationPreview.of(check, remarks, list(read_of_verification(check).lines()))
 
 
 def _answer_to_map(
@@ -185,84 +225,17 @@ def _answer_to_readings(
     return answer.model_copy(update={"warnings": list(found.remarks)})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Read:
-    """What a file was read as, and the other kind that it looks like, if any."""
-
-    found: Found
-    kind: FileKind
-    looks_like: FileKind | None
-
-
-async def _as_expected(
-    request: Request,
-    context: ContextDep,
-    machine: MachinePath,
-    content: FileContent,
-    beside: BesideQuery,
-    expected: FileKind = FileKind.MAP,
-    name: FileName = "file.csv",
-) -> _Read:
-    """Read what came as the kind that is expected, or else as the one that it is."""
-    take_reader(request)
-
-    async def read(kind: FileKind) -> Found:
-        if kind is FileKind.CHECK:
-            return await uploaded_verification(machine, content, name)
-        as_map = Storing(preview=True)
-        return await uploaded_map(request, context, machine, content, beside, as_map, name)
-
-    try:
-        found = await read(expected)
-    except OtherKind as other:
-        kind = other.kind
-    else:
-        looks_like = await in_a_thread(lambda: kind_of_file(content, Path(name)))
-        return _Read(found, expected, None if looks_like is expected else looks_like)
-    try:
-        return _Read(await read(kind), kind, None)
-    except InvalidContent as error:
-        said = FieldError("file", f"{name} holds {kind.words}")
-        raise InvalidContent(error.detail, [said, *error.errors]) from None
-
-
-previews = Router(route_class=FileRoute, read_first=_as_expected, include_in_schema=False)
-
-
-@previews.post("/machines/{machine}/files/preview", response_class=Page, openapi_extra=FILE_BODY)
-def post_file_preview(
-    context: ContextDep,
-    machine: MachinePath,
-    read: Annotated[_Read, Depends(_as_expected)],
-    expected: FileKind = FileKind.MAP,
-    name: FileName = "file.csv",
-) -> Page:
-    """Show what was read of a file and what storing it would do, as a part of a page."""
-    found = read.found
-    is_expected, looks_like = read.kind is expected, read.looks_like or ""
-    if not isinstance(found, UploadedVerification):
-        readings = found if isinstance(found, FoundReadings) else None
-        found = found.as_map() if isinstance(found, FoundReadings) else found
-        part = upload_preview(
-            preview_error_map(context, machine, found.error_map),
-            name,
-            found.error_map,
-            found.remarks,
-            readings.method.name if readings else None,
-            readings.evaluated.result.figures if readings else {},
-            is_expected=is_expected,
-            looks_like=looks_like,
-        )
-    else:
-        check = found.verification
-        part = check_preview(
-            check,
-            name,
-            [*found.remarks, *check.remarks],
-            is_expected=is_expected,
-            looks_like=looks_like,
-        )
-    return Page(part, scripts=0, headers={"Cache-Control": "no-store"})
-
-
-router.routes.extend(previews.routes)
+def _preview_of_map(
+    context: Context, machine: str, found: FoundMap | FoundReadings, name: str
+) -> str:
+    """Write what was read of a file and what storing it would do, as a part of a page."""
+    readings = found if isinstance(found, FoundReadings) else None
+    found = found.as_map() if isinstance(found, FoundReadings) else found
+    return upload_preview(
+        preview_error_map(context, machine, found.error_map),
+        name,
+        found.error_map,
+        found.remarks,
+        readings.method.name if readings else None,
+        readings.evaluated.result.figures if readings else {},
+    )

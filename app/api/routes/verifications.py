@@ -120,5 +120,5 @@ def answer_to_verification(
     outcome = store_verification(context, machine, verification)
     response.status_code = 201 if outcome.is_new else 200
     response.headers["Location"] = f"/v1/machines/{machine}/verifications/{outcome.stored.id}"
-    remarks = remarks_on_verification(context, machine, verification, outcome.stored.components)
+    remarks = remarks_on_verification(context, machine, verification)
     return StoredVerificationAnswer(**fields_of(outcome.stored), warnings=[*notes, *remarks])

@@ -83,7 +83,7 @@ async function refused(title, answer, changes) {
   const [lines, first] = place(problem.errors);
   if (!problem.errors.length) lines.push(problem.detail);
   if (first) lines.push(t("What the file does not say is asked above."));
-  if (first || (chosen && chosen.expected === "map")) override.hidden = false;
+  if (first || (chosen && (chosen.kind ?? drop.dataset.expected) === "map")) override.hidden = false;
   if (first) override.open = true;
   const sure = answer.status < 500 || !changes ? t("Nothing has changed.") : t("Whether something has changed shows the page when the service answers again.");
   say(title, [...lines, sure]);
@@ -108,18 +108,20 @@ export async function show(title, address, options) {
   const page = new DOMParser().parseFromString(await answer.text(), "text/html");
   if (mine !== asked) return;
   const found = document.adoptNode(page.getElementById("found"));
+  for (const one of found.querySelectorAll("[data-unless]")) one.hidden = one.dataset.unless === drop.dataset.expected;
   preview.replaceChildren(found);
   override.hidden = found.dataset.what !== "upload";
   preview.focus();
 }
 
-function content() {
-  return { method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: chosen.bytes };
+function content(accept) {
+  return { method: "POST", headers: { "Content-Type": "application/octet-stream", Accept: accept }, body: chosen.bytes };
 }
 
 // What is stated beside the file, as the service takes it.
 function stated() {
   const found = new URLSearchParams({ name: chosen.name });
+  if (chosen.kind) found.set("kind", chosen.kind);
   for (const name of ["method", "label"]) {
     const value = beside.elements[name].value.trim();
     if (value) found.set(name, value);
@@ -137,13 +139,13 @@ function stated() {
 export async function look() {
   clearWrong();
   chosen.stated = stated();
-  await show(t("%(file)s was not stored.", { file: chosen.name }), `/machines/${machine}/files/preview?${chosen.stated}&expected=${chosen.expected}`, content());
+  await show(t("%(file)s was not stored.", { file: chosen.name }), `${api}/files?preview=true&expected=${drop.dataset.expected}&${chosen.stated}`, content("text/html"));
 }
 
-// Shows what was read; `expected` says as what it is read if it can be.
+// Shows what was read; `kind` is as what the reader says that it is to be read.
 export async function take(name, bytes, from = choose) {
   opener = from;
-  chosen = { name: name.slice(-200), bytes, stated: null, expected: drop.dataset.expected };
+  chosen = { name: name.slice(-200), bytes, stated: null, kind: null };
   beside.reset();
   override.hidden = true;
   override.open = false;
@@ -197,8 +199,9 @@ async function takeReading() {
 
 async function store(path, acceptLosses) {
   const isMap = path === "error-maps";
-  const kind = isMap ? `map&accept_losses=${acceptLosses}` : "check";
-  const answer = await ask(t("%(file)s was not stored.", { file: chosen.name }), `${api}/files?${chosen.stated}&kind=${kind}`, content());
+  chosen.stated.set("kind", isMap ? "map" : "check");
+  if (isMap) chosen.stated.set("accept_losses", acceptLosses);
+  const answer = await ask(t("%(file)s was not stored.", { file: chosen.name }), `${api}/files?${chosen.stated}`, content("application/json"));
   if (!answer) return;
   const stored = await answer.json();
   override.hidden = true;
@@ -243,7 +246,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("#preview button");
   if (!button) return;
   if (button.dataset.as) {
-    chosen.expected = button.dataset.as;
+    chosen.kind = button.dataset.as;
     await look();
     return;
   }

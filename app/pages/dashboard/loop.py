@@ -106,17 +106,13 @@ def left_of_check(found: LeftOfCheck) -> str:
     return render_live("dashboard/left_of_check.html", found=found)
 
 
-def check_preview(
-    found: Verification, name: str, remarks: Sequence[str], *, is_expected: bool, looks_like: str
-) -> str:
-    """Write what was read of a check, before it is stored; else as `upload_preview`."""
+def check_preview(found: Verification, name: str, remarks: Sequence[str]) -> str:
+    """Write what was read of a check, before it is stored."""
     return render_live(
         "dashboard/check_preview.html",
         read=read_of_verification(found),
         name=name,
         remarks=remarks,
-        is_expected=is_expected,
-        looks_like=looks_like,
     )
 
 

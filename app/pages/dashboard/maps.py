@@ -75,9 +75,6 @@ def upload_preview(
     remarks: Sequence[str],
     method: str | None,
     figures: Mapping[str, float],
-    *,
-    is_expected: bool,
-    looks_like: str,
 ) -> str:
     """Write what storing a file's map would do, before anything is stored.
 
@@ -86,10 +83,6 @@ def upload_preview(
     method, figures
         By which method the map was measured, and its figures by names that end in the unit,
         where the file holds an instrument's readings.
-    is_expected
-        Whether a map was expected where the file was dropped.
-    looks_like
-        The other kind of file that it looks like, empty where it does not.
     """
     kind = _("map") if method is None else _("map by %(method)s", method=method)
     about = _(
@@ -110,8 +103,6 @@ def upload_preview(
             for figure, value in figures.items()
         ],
         name=name,
-        is_expected=is_expected,
-        looks_like=looks_like,
     )
 
 
@@ -149,7 +140,7 @@ def _preview_page(
     read: WhatWasRead | None = None,
     remarks: Sequence[str] = (),
     figures: Sequence[Mapping[str, str]] = (),
-    **of_file: object,
+    name: str = "",
 ) -> str:
     return render_live(
         "dashboard/preview.html",
@@ -169,7 +160,7 @@ def _preview_page(
         read=read,
         remarks=[*_recorded(preview.recorded), *remarks],
         figures=figures,
-        **of_file,
+        name=name,
     )
 
 
