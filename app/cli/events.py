@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 from rich.text import Text
 
 from app.cli.answers import listing, or_nothing, show, when
-from app.cli.options import JsonOption, MachineOption, UrlOption, connect, read_time
+from app.cli.options import JsonOption, MachineOption, UrlOption, connect, time_option
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -21,18 +22,9 @@ if TYPE_CHECKING:
 def events(
     machine: MachineOption = None,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            envvar="THERMAP_FROM",
-            metavar="TIME",
-            help="From this time on, with its zone.",
-        ),
+        datetime | None, time_option("--from", "From this time on, with its zone.")
     ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option("--to", envvar="THERMAP_TO", metavar="TIME", help="Up to this time."),
-    ] = None,
+    until: Annotated[datetime | None, time_option("--to", "Up to this time.")] = None,
     kind: Annotated[
         list[str] | None,
         typer.Option(
@@ -52,11 +44,9 @@ def events(
     """
     from thermap import calls
 
-    first = None if since is None else read_time(since, "--from")
-    last = None if until is None else read_time(until, "--to")
     with connect(url) as thermap:
         ask = calls.all_events if machine is None else partial(calls.events, machine)
-        call = ask(since=first, until=last, kinds=kind or (), limit=limit)
+        call = ask(since=since, until=until, kinds=kind or (), limit=limit)
         show(thermap, call, partial(_view, of_all=machine is None), json=json)
 
 

@@ -277,7 +277,12 @@ def read_named_numbers(texts: Iterable[str] | None, option: str, what: str) -> d
     return by_name
 
 
-def read_time(text: str, option: str) -> datetime:
+def time_option(name: str, help: str, **more: Any) -> Any:
+    """Make an option that takes a time."""
+    return typer.Option(name, metavar="TIME", parser=read_time, help=help, **more)
+
+
+def read_time(text: str) -> datetime:
     """Read a time with its zone, as UTC.
 
     Raises
@@ -285,15 +290,14 @@ def read_time(text: str, option: str) -> datetime:
     typer.BadParameter
         If it is none, or has no zone.
 
-    >>> read_time("2026-03-01T07:00:00+01:00", "--from")
+    >>> read_time("2026-03-01T07:00:00+01:00")
     datetime.datetime(2026, 3, 1, 6, 0, tzinfo=datetime.timezone.utc)
     """
     try:
         return read_iso_time(text).astimezone(UTC)
     except ValueError:
         raise typer.BadParameter(
-            f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}",
-            param_hint=option,
+            f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}"
         ) from None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -20,7 +21,7 @@ from app.cli.options import (
     connect,
     read_named_numbers,
     read_point,
-    read_time,
+    time_option,
 )
 from app.cli.terminal import echo
 from app.decimal_text import read_number
@@ -108,8 +109,7 @@ EveryOption = Annotated[
     float, typer.Option("--every", metavar="MIN", help="Pause between readings.")
 ]
 StartOption = Annotated[
-    str | None,
-    typer.Option("--start", metavar="TIME", help="Planned start, for the readings' times."),
+    datetime | None, time_option("--start", "Planned start, for the readings' times.")
 ]
 AxisOption = Annotated[str, typer.Option("--axis", help="x, y or z.")]
 
@@ -357,7 +357,7 @@ def write_warm_up(
         spin_down_s=spin_down,
         in_place=in_place,
         sensor_distance_mm=sensor_distance,
-        start_s=_seconds(start),
+        start_s=None if start is None else start.timestamp(),
     )
 
 
@@ -413,7 +413,7 @@ def write_moving_axis(
         targets_mm=None if at is None else _numbers(at, "--at"),
         every_min=every,
         line_mm=read_named_numbers(line, "--line", "a position in mm"),
-        start_s=_seconds(start),
+        start_s=None if start is None else start.timestamp(),
     )
 
 
@@ -455,10 +455,6 @@ def _numbers(text: str, option: str) -> list[float]:
 
 def _point(text: str | None, option: str) -> list[float] | None:
     return None if text is None else read_point(text, option, "50,50,40")
-
-
-def _seconds(start: str | None) -> float | None:
-    return None if start is None else read_time(start, "--start").timestamp()
 
 
 def _step(text: str, option: str, expected: str) -> tuple[float, float]:

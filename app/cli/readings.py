@@ -20,7 +20,7 @@ from app.cli.options import (
     command_group,
     confirm,
     connect,
-    read_time,
+    time_option,
 )
 from app.cli.terminal import echo
 from app.errors import counted
@@ -48,19 +48,12 @@ def _describe() -> None:
 def list_readings(
     machine: MachineOption = None,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            envvar="THERMAP_FROM",
-            metavar="TIME",
-            help="From this time on, ISO 8601 with its zone.",
-            show_default="an hour ago",
+        datetime | None,
+        time_option(
+            "--from", "From this time on, ISO 8601 with its zone.", show_default="an hour ago"
         ),
     ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option("--to", envvar="THERMAP_TO", metavar="TIME", help="Up to this time."),
-    ] = None,
+    until: Annotated[datetime | None, time_option("--to", "Up to this time.")] = None,
     every_s: Annotated[
         float,
         typer.Option("--every-s", min=0.0, help="At most one in so many seconds."),
@@ -85,44 +78,31 @@ def list_readings(
     """
     from thermap import calls
 
-    last = None if until is None else read_time(until, "--to")
     if withdrawn:
-        earliest = None if since is None else read_time(since, "--from")
         with connect(url) as thermap:
             of_machine = calls.withdrawn_readings(
-                chosen_machine(thermap, machine), earliest, last, limit
+                chosen_machine(thermap, machine), since, until, limit
             )
             show(thermap, of_machine, lambda answer: withdrawn_view(answer, limit), json=json)
         return
-    first = datetime.now(UTC) - USUAL_SPAN if since is None else read_time(since, "--from")
+    first = since or datetime.now(UTC) - USUAL_SPAN
     with connect(url) as thermap:
         chosen = chosen_machine(thermap, machine)
-        call = calls.readings(chosen, first, last, every_s, limit)
+        call = calls.readings(chosen, first, until, every_s, limit)
         show(thermap, call, lambda answer: readings_view(answer, first, limit), json=json)
 
 
 @readings.command("withdraw")
 def withdraw(
     time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME", help="The one reading of exactly this time, ISO 8601 with its zone."
-        ),
+        datetime | None,
+        time_option("--time", "The one reading of exactly this time, ISO 8601 with its zone."),
     ] = None,
     since: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            envvar="THERMAP_FROM",
-            metavar="TIME",
-            help="All from this time on, with --to.",
-        ),
+        datetime | None, time_option("--from", "All from this time on, with --to.")
     ] = None,
     until: Annotated[
-        str | None,
-        typer.Option(
-            "--to", envvar="THERMAP_TO", metavar="TIME", help="All up to this time, with --from."
-        ),
+        datetime | None, time_option("--to", "All up to this time, with --from.")
     ] = None,
     machine: MachineOption = None,
     yes: YesOption = False,
@@ -156,12 +136,14 @@ def withdraw(
     echo(f"{counted(done.withdrawn, 'reading')} {when} withdrawn")
 
 
-def _span(time: str | None, since: str | None, until: str | None) -> tuple[datetime, datetime]:
-    """Read which readings are meant; the one of a time lies between it and itself."""
+def _span(
+    time: datetime | None, since: datetime | None, until: datetime | None
+) -> tuple[datetime, datetime]:
+    """Say which readings are meant; the one of a time lies between it and itself."""
     if time is not None and since is None and until is None:
-        return (read_time(time, "--time"),) * 2
+        return time, time
     if time is None and since is not None and until is not None:
-        return read_time(since, "--from"), read_time(until, "--to")
+        return since, until
     raise typer.BadParameter(
         "expected --time of one reading, or --from and --to of all between them; one of these "
         "without the other would mean all readings before or after it",

@@ -32,7 +32,7 @@ from rich.table import Table
 from app.arrays import FloatArray
 from app.cli.compensate import evenly_chosen, signed
 from app.cli.console import console
-from app.cli.options import MachineArgument, UrlOption, connect, read_time
+from app.cli.options import MachineArgument, UrlOption, connect, time_option
 from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.files.recording import TIME_COLUMNS, Recording, is_state, read_recording
@@ -65,10 +65,10 @@ def replay(
         typer.Option("--recorded-times", help="Keep the recorded times at any speed."),
     ] = False,
     start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME",
-            help="When a recording without dates began, ISO 8601 with its zone.",
+        datetime | None,
+        time_option(
+            "--start",
+            "When a recording without dates began, ISO 8601 with its zone.",
             show_default="so that it ends now",
         ),
     ] = None,
@@ -112,7 +112,7 @@ def replay(
             described.sensors,
             now=datetime.now(UTC),
             speed=0.0 if fast else speed,
-            start=None if start is None else read_time(start, "--start"),
+            start=start,
             recorded_times=recorded_times,
         )
         _announce(thermap, machine, file, plan)

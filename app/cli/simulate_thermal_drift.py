@@ -28,7 +28,7 @@ from app.cli.options import (
     label_of,
     read_named_numbers,
     read_point,
-    read_time,
+    time_option,
     write_file,
 )
 from app.cli.simulate_verification import NothingToSimulate
@@ -99,10 +99,7 @@ def simulate_thermal_drift(
             metavar="MM", help="Five sensors: so far along Z the second ones of X and Y read."
         ),
     ] = None,
-    since: Annotated[
-        str | None,
-        typer.Option("--from", envvar="THERMAP_FROM", metavar="TIME", help="When the test begins."),
-    ] = None,
+    since: Annotated[datetime | None, time_option("--from", "When the test begins.")] = None,
     hours: Annotated[float, typer.Option(min=0.1, help="How long it lasts, at most.")] = 8.0,
     every: Annotated[float, typer.Option(min=0.0, help="Minutes between two readings.")] = 2.0,
     growth: Annotated[
@@ -150,9 +147,8 @@ def simulate_thermal_drift(
         x, y, z = heights[0]
         heights.append([x, y, z + sensor_distance])
     places = _places(read_point(point, "--point", "250,200,300"), axis, target)
-    start = None if since is None else read_time(since, "--from")
     with connect(url) as thermap:
-        readings = _readings(thermap, machine, start, timedelta(hours=hours), every)
+        readings = _readings(thermap, machine, since, timedelta(hours=hours), every)
         rows = list(_predicted(thermap, machine, readings, places, heights, missing_as_zero))
     if len(rows) < 2:
         raise NothingToSimulate(

@@ -24,7 +24,7 @@ from app.cli.options import (
     expect_finite,
     label_of,
     read_named_numbers,
-    read_time,
+    time_option,
     write_file,
 )
 from app.cli.terminal import echo
@@ -108,14 +108,8 @@ def simulate_verification(
             help="A component that is measured, such as EXX; all of the model without it.",
         ),
     ] = None,
-    since: Annotated[
-        str | None,
-        typer.Option("--from", envvar="THERMAP_FROM", metavar="TIME", help="No visit before it."),
-    ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option("--to", envvar="THERMAP_TO", metavar="TIME", help="No visit after it."),
-    ] = None,
+    since: Annotated[datetime | None, time_option("--from", "No visit before it.")] = None,
+    until: Annotated[datetime | None, time_option("--to", "No visit after it.")] = None,
     noise: Annotated[
         float,
         typer.Option(
@@ -148,13 +142,9 @@ def simulate_verification(
     expect_finite(context.params)
     named = label_of(output, label)
     reversals = _read_reversals(reversal)
-    span = (
-        None if since is None else read_time(since, "--from"),
-        None if until is None else read_time(until, "--to"),
-    )
     with connect(url) as thermap:
         planned = (
-            _default_plan(thermap, machine, visits, positions, component, span)
+            _default_plan(thermap, machine, visits, positions, component, (since, until))
             if plan is None
             else _stated_plan(thermap, machine, plan)
         )
