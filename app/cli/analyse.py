@@ -27,11 +27,11 @@ from app.cli.options import (
     expect_page,
     write_file,
 )
-from app.cli.planned_visits import write_visits
 from app.cli.terminal import echo, write_document
 from app.errors import ThermapError, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
+from app.identification.plan.visit import NextVisit
 from app.pages.report_parts.words import sentence
 from app.storage.analysis_results import AnalysisWithResult
 from thermap import (
@@ -361,3 +361,18 @@ def _adopt(thermap: ThermapClient, machine: str, analysis_id: int, result: Analy
         echo(f"adopted: model version {model.version} is active", err=True)
     for line in waiting_lines(model, machine):
         echo(line, err=True)
+
+
+def write_visits(
+    thermap: ThermapClient, folder: Path, machine: str, analysis: int, visits: Sequence[NextVisit]
+) -> None:
+    """Write the visits that an analysis proposes, or say that it proposes none."""
+    if not visits:
+        echo(f"{folder}: nothing written: the analysis proposes no visit", err=True)
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, visit in enumerate(visits, start=1):
+        file = folder / f"visit-{number}.csv"
+        write_file(file, thermap.visit_file(machine, analysis, number))
+        echo(f"{file}: {visit.sentence}", err=True)
+    echo(f"`thermap program visit {machine} {file} -c CONTROLLER` writes its NC program", err=True)

@@ -10,7 +10,7 @@ import pytest
 
 from app.api.schemas.analyses import PlanRequest
 from app.api.schemas.campaigns import campaign_of_bodies
-from app.cli.planned_visits import write_visits
+from app.cli.analyse import write_visits
 from app.effects.observations import Observation
 from app.effects.registry import KINDS, separating_measurement
 from app.files.csv_verification import read_csv_verification
