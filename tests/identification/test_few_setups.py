@@ -50,6 +50,7 @@ def finished(shift, *, off=0.0, status=Status.CONFIRMED, seed=0, origin="declare
         residuals=SimpleNamespace(rows=SimpleNamespace(channels=CODES)),
         use=np.ones(len(channel), dtype=bool),
         zeros=[],
+        of_maps=(),
         findings=findings,
         effects=lambda: [Effect("backlash", ("EXX",))],
         explained=lambda effect: np.zeros(len(channel)),
@@ -65,7 +66,7 @@ def left(monkeypatch, found):
         return one
 
     monkeypatch.setattr("app.identification.analysis.not_judged.replace", replaced)
-    with_what_stays_large(found, [])
+    with_what_stays_large(found)
     assert all(one.test == FAR_OFF for one in said)
     return {CODES[one.channel] for one in said}
 
@@ -74,7 +75,7 @@ def left(monkeypatch, found):
 def test_what_setups_do_in_all_channels_is_nothing_unexplained(monkeypatch, seed):
     """It was said in 6 of 9 campaigns of 8 visits: of twenty channels some are always large."""
     found = finished(1.5, seed=seed)
-    assert stays_large(found, [])  # and it is told of them that nothing more can be said
+    assert stays_large(found)  # and it is told of them that nothing more can be said
     assert left(monkeypatch, found) == set()
 
 
@@ -87,7 +88,7 @@ def test_what_no_setup_elsewhere_does_stays_unexplained(monkeypatch, seed):
 def test_beside_an_effect_that_nothing_confirms_all_of_it_does(monkeypatch):
     """It may be what the effect stands for."""
     found = finished(1.5, status=Status.SUSPECTED)
-    assert left(monkeypatch, found) == {one.name for one in stays_large(found, [])}
+    assert left(monkeypatch, found) == {one.name for one in stays_large(found)}
 
 
 def test_fewer_setups_than_tell_how_they_scatter_are_judged_by_the_repeatability(monkeypatch):
@@ -110,12 +111,12 @@ def test_what_maps_leave_open_where_no_effect_acts_is_nothing_unexplained():
 @pytest.mark.parametrize("seed", range(5))
 def test_where_nothing_was_found_too_setups_may_scatter_as_in_the_other_channels(seed):
     found = finished(1.5, seed=seed)
-    assert not not_judged(found, [])
+    assert not not_judged(found)
     off = finished(0.3, off=4.0, seed=seed)
-    assert [one.name for one in not_judged(off, [])] == ["EXX"]
+    assert [one.name for one in not_judged(off)] == ["EXX"]
     # Of four set-ups in all zeros knows.
     found.rows.visit[:] = found.rows.visit % 4
-    assert not_judged(found, [])
+    assert not_judged(found)
 
 
 @pytest.mark.parametrize(
@@ -139,12 +140,12 @@ def test_few_observations_are_not_their_own_scatter(values, named):
         residuals=SimpleNamespace(rows=SimpleNamespace(channels=("EXX",))),
         use=np.ones(count, dtype=bool),
         zeros=[],
+        of_maps=[Nuisance(0, np.arange(count), np.full((count, 1), 0.25))],
         findings=SimpleNamespace(
             noise={0: ChannelNoise(size, "residuals", size, 1, count)}, held_out={}
         ),
     )
-    maps = [Nuisance(0, np.arange(count), np.full((count, 1), 0.25))]
-    large = not_judged(found, maps)
+    large = not_judged(found)
     assert [one.name for one in large] == ["EXX"] * named
     if named:
         assert "of its own scatter" in large[0].sentence or "of their own" in large[0].sentence

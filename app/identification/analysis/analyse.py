@@ -185,7 +185,7 @@ def analyse(
         if learns:
             as_read = None if inexact else residuals
             responses = find_responses(campaign, _part(progress, searched, 1.0), as_read)
-    finished = with_what_stays_large(finished, of_maps)
+    finished = with_what_stays_large(finished)
     faulty = faults_of_readings(finished, faults, _believed(as_given, residuals, faults))
     finished, responses = beside_search(finished, responses, campaign.effects)
     answer = _answer(
@@ -193,8 +193,8 @@ def analyse(
     )
     answer = withhold(
         answer,
-        not_judged(finished, of_maps),
-        stays_large(finished, of_maps),
+        not_judged(finished),
+        stays_large(finished),
         judged_channels(finished),
     )
     answer = _with_next_steps(answer, campaign, residuals, inexact)

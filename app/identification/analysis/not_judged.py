@@ -81,7 +81,7 @@ class _RowScatter(NamedTuple):
     is_shown: bool
 
 
-def with_what_stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) -> FinishedSearch:
+def with_what_stays_large(finished: FinishedSearch) -> FinishedSearch:
     """Call what effects leave unexplained where it is still larger than the noise.
 
     A set-up of which nobody knows how it scatters, and maps that may be wrong, take up whatever
@@ -93,9 +93,9 @@ def with_what_stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) ->
     effects = finished.effects()
     if not effects:
         return finished
-    names = {item.name for item in too_large(finished, maps, _explained(finished, effects))}
+    names = {item.name for item in stays_large(finished)}
     if any(term.status is Status.CONFIRMED for term in finished.findings.terms):
-        names &= _beyond_setups(finished, maps, _explained(finished, effects))
+        names &= _beyond_setups(finished, _explained(finished, effects))
     channels = [c for c, name in enumerate(finished.residuals.rows.channels) if name in names]
     if not channels:
         return finished
@@ -108,14 +108,14 @@ def with_what_stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) ->
     return replace(finished, findings=findings)
 
 
-def not_judged(finished: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+def not_judged(finished: FinishedSearch) -> list[TooLarge]:
     """List the channels of few set-ups that are larger than the noise, and than set-ups scatter.
 
     With eight set-ups in all the other channels say how set-ups scatter.
     """
-    large = too_large(finished, maps)
+    large = too_large(finished)
     if large and np.unique(finished.rows.visit[finished.use]).size >= FEWEST_BLOCKS:
-        beyond = _beyond_setups(finished, maps, np.zeros(len(finished.use)))
+        beyond = _beyond_setups(finished, np.zeros(len(finished.use)))
         large = [item for item in large if item.name in beyond]
     return large
 
@@ -130,9 +130,9 @@ def judged_channels(finished: FinishedSearch) -> list[str]:
     ]
 
 
-def stays_large(finished: FinishedSearch, maps: Sequence[Nuisance]) -> list[TooLarge]:
+def stays_large(finished: FinishedSearch) -> list[TooLarge]:
     """List the channels of few set-ups that effects leave larger than the noise."""
-    return too_large(finished, maps, _explained(finished, finished.effects()))
+    return too_large(finished, _explained(finished, finished.effects()))
 
 
 def _explained(finished: FinishedSearch, effects: Sequence[Effect]) -> FloatArray:
@@ -140,9 +140,7 @@ def _explained(finished: FinishedSearch, effects: Sequence[Effect]) -> FloatArra
     return sum((finished.explained(e) for e in effects), zero)
 
 
-def _beyond_setups(
-    finished: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray
-) -> set[str]:
+def _beyond_setups(finished: FinishedSearch, explained: FloatArray) -> set[str]:
     """Name the channels of few set-ups that are larger than set-ups scatter in the others.
 
     By chance any is named in one campaign of a hundred: how well a channel's own repeatability
@@ -157,21 +155,20 @@ def _beyond_setups(
         if (rows_of_channel := np.flatnonzero(finished.use & (rows.channel == c))).size
         and np.unique(rows.visit[rows_of_channel]).size < FEWEST_BLOCKS
     }
-    of_maps, named = _of_maps(len(values), maps), set()
-    scatters = _scatters(finished, values, of_maps)
+    scatters, named = _scatters(finished, values, _of_maps(finished)), set()
     for c, rows_of_channel in few.items():
         scatter, visit = scatters[c], rows.visit[rows_of_channel]
         setups = np.unique(visit)
         if not scatter.freedom:
             named.add(channels[c])
             continue
-        zeroed = np.mean([rows.datum.get((int(v), c)) is Datum.FIRST for v in visit])
+        zeroed = _zeroed(finished, c)
         p = surprise_of_squares(
             float(np.sum(values[rows_of_channel] ** 2)),
             float(scatter.value**2 * (1.0 + zeroed)),
             scatter.freedom,
             (visit[:, None] == setups) * float(np.sqrt(setup / (1.0 + zeroed))),
-            _columns(maps, c, rows_of_channel),
+            _columns(finished.of_maps, c, rows_of_channel),
             len(rows_of_channel),
         )
         if p * len(few) < BY_CHANCE:
@@ -254,9 +251,7 @@ def _columns(maps: Sequence[Nuisance], channel: int, rows: IntArray) -> FloatArr
     return np.hstack([np.zeros((len(rows), 0)), *parts])
 
 
-def too_large(
-    finished: FinishedSearch, maps: Sequence[Nuisance], explained: FloatArray | float = 0.0
-) -> list[TooLarge]:
+def too_large(finished: FinishedSearch, explained: FloatArray | float = 0.0) -> list[TooLarge]:
     """List the channels of few set-ups whose residuals are larger than the noise.
 
     Zeros that nobody knows are taken off. A channel of eight set-ups or more says by itself how
@@ -266,8 +261,6 @@ def too_large(
     ----------
     explained : ndarray, shape (n,) [the channels' units]
         What effects say of each row.
-    maps
-        Change of each row for one standard error of each way in which the maps may be wrong.
 
     Returns
     -------
@@ -276,7 +269,7 @@ def too_large(
     """
     rows, use = finished.rows, finished.use
     values = without_zeros(finished.zeros, np.where(use, rows.values - explained, np.nan))
-    variance = _of_maps(len(values), maps)
+    variance = _of_maps(finished)
     large = []
     for channel, scatter in _scatters(finished, values, variance).items():
         of_channel = use & (rows.channel == channel)
@@ -284,11 +277,8 @@ def too_large(
         if setups >= FEWEST_BLOCKS:
             continue
         size = rms(values[of_channel])
-        # Counted from a first observation, all of them have its noise too.
-        zeroed = np.mean(
-            [rows.datum.get((int(v), channel)) is Datum.FIRST for v in rows.visit[of_channel]]
-        )
-        expected = float(np.sqrt(scatter.value**2 * (1.0 + zeroed) + np.mean(variance[of_channel])))
+        own = scatter.value**2 * (1.0 + _zeroed(finished, channel))
+        expected = float(np.sqrt(own + np.mean(variance[of_channel])))
         if size > LARGER * expected:
             name = finished.residuals.rows.channels[channel]
             unknown = 0 if scatter.is_shown else int(of_channel.sum())
@@ -360,9 +350,16 @@ def _again(large: Sequence[TooLarge]) -> str:
     )
 
 
-def _of_maps(count: int, maps: Sequence[Nuisance]) -> FloatArray:
+def _zeroed(finished: FinishedSearch, channel: int) -> float:
+    """Give the share of a channel's rows that have the noise of a first observation too."""
+    rows = finished.rows
+    visits = rows.visit[finished.use & (rows.channel == channel)].tolist()
+    return float(np.mean([rows.datum.get((v, channel)) is Datum.FIRST for v in visits]))
+
+
+def _of_maps(finished: FinishedSearch) -> FloatArray:
     """Give the variance that the maps' uncertainty leaves in each row, shape (n,)."""
-    variances = np.zeros(count)
-    for entries in maps:
+    variances = np.zeros(len(finished.use))
+    for entries in finished.of_maps:
         variances[entries.rows] += np.sum(entries.columns**2, axis=1)
     return variances
