@@ -59,9 +59,6 @@ class CampaignView:
     rows: ObservationRows
     conditions: Conditions
     _late: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
-    _times_of_maps: dict[tuple[str, str], tuple[float, ...]] = field(
-        default_factory=dict, init=False
-    )
     _late_in_maps: dict[tuple[Signal, float, tuple[float, ...]], float] = field(
         default_factory=dict, init=False
     )
@@ -215,10 +212,8 @@ class CampaignView:
 
     def _measured_s(self, code: str, label: str) -> tuple[float, ...]:
         """Say when a component's maps of a thermal state were measured [s]."""
-        if (code, label) not in self._times_of_maps:
-            concerned = (m for m in maps_of_label(self.maps, label) if code in m.tables)
-            self._times_of_maps[code, label] = tuple(m.measured_at.timestamp() for m in concerned)
-        return self._times_of_maps[code, label]
+        concerned = (m for m in maps_of_label(self.maps, label) if code in m.tables)
+        return tuple(m.measured_at.timestamp() for m in concerned)
 
     def _late_at(self, signal: Signal, tau_s: float, times_s: tuple[float, ...]) -> float:
         """Give a signal's low-pass at the first of some times that it had settled at, else NaN."""

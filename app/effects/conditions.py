@@ -68,10 +68,7 @@ Key = TypeVar("Key", bound=Hashable)
 """What names a signal."""
 
 MOST_FILTERS: Final = 256
-"""Filtered records that are kept ready."""
-
-MOST_PLAYED: Final = 64
-"""Records with play that are kept ready."""
+"""Filtered records that are kept ready, and as many with play."""
 
 
 class Signal(NamedTuple):
@@ -219,7 +216,7 @@ class RecordedLags(Lags):
             return super().played(signal, half_width, times_s)
         key = (signal, half_width)
         if key not in self._played:
-            if len(self._played) >= MOST_PLAYED:
+            if len(self._played) >= MOST_FILTERS:
                 self._played.pop(next(iter(self._played)))
             self._played[key] = play(
                 recording.times_s, signal.of(recording.values), half_width, recording.max_gap_s

@@ -6,7 +6,7 @@ maps at the temperatures, positions or tools that would have been noted without 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -56,23 +56,6 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
             view = projection.view(code)
             supposed[view.rows] += view.gains * projection.of_maps(code, weights[view.rows])
     return supposed
-
-
-def left_by_maps(
-    projection: Projection, codes: Collection[str], label: str | None = None
-) -> FloatArray:
-    """Say what components' tables contribute: what is left where they should count twice.
-
-    Parameters
-    ----------
-    label
-        Of one map alone; None: of all maps.
-
-    Returns
-    -------
-    ndarray, shape (n,) [the rows' units]
-    """
-    return projection.predicted_by(codes, label)
 
 
 def left_by_places(

@@ -119,18 +119,6 @@ class Term:
         driver = self.driver.at(valid.for_driver(self.driver, conditions, limited))
         return driver if self.learnt is None else np.clip(driver, *self.learnt), limited
 
-    def everywhere_at(
-        self, model: CompiledModel, places: Places, moment: Conditions, valid: Valid | None = None
-    ) -> FloatArray:
-        """Give the error at k places, all at one moment.
-
-        Returns
-        -------
-        ndarray, shape (k,) [the component's unit]
-        """
-        # One moment's driver stands for all places: n = 1 broadcasts against k.
-        return np.broadcast_to(self.at(model, places, moment, valid), places.positions_mm.shape)
-
     def nodes_mm(self, low_mm: float, high_mm: float, valid: Valid | None = None) -> FloatArray:
         """Give the positions that a table needs to show the term [mm], and where it is held."""
         nodes = self.shape.nodes_mm(low_mm, high_mm)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import FloatArray
 from app.search.library import Batch, Library
 from app.search.state import State
 
@@ -56,11 +56,6 @@ class BaseGrams:
         self._states = states
         self.library = library
         self._known: dict[tuple[int, int], BaseGram] = {}
-
-    @property
-    def cells(self) -> BoolArray:
-        """The cells that take part."""
-        return next(iter(self._states.values())).cells
 
     def of(self, number: int, channel: int) -> BaseGram:
         """Give a batch's information in one channel."""

@@ -17,7 +17,7 @@ from app.search.findings import Detectable
 from app.search.joint_fit import inverse
 from app.search.library import Batch, Library, read_library
 from app.search.moments import blocks, moments_of
-from app.search.names import STRONG
+from app.search.names import SAME, STRONG
 from app.search.power import as_assumed, drawn_noise, noncentralities
 from app.search.problem import Problem
 from app.search.scan import scan
@@ -33,9 +33,6 @@ POWER: Final = 1.2816
 # the noise, is normal with the mean λ and the variance 4 λ: λ − 2 POWER √λ = STRONG, solved for λ.
 TELLING_APART: Final = (POWER + float(np.sqrt(POWER**2 + STRONG))) ** 2
 """Expected evidence between two explanations that exceeds STRONG nine times in ten."""
-
-SAME: Final = 1e-6
-"""If less than this of an effect is its own, nothing tells it from its rival."""
 
 
 class Overlap(NamedTuple):
@@ -131,7 +128,7 @@ class Chances:
         everything = np.ones(problem.cells, dtype=np.bool_)
         states = as_assumed(problem.states(everything), draws)
         base = BaseGrams(library, states)
-        drawn = scan(library, states, draws, base=base).only(library.testable)
+        drawn = scan(library, states, base, draws).only(library.testable)
         limit = threshold(drawn, library.groups, library.families, false_alarm)
         return cls.of(base, states, library.testable, draws, limit)
 

@@ -12,7 +12,7 @@ from app.search.findings import Slope
 from app.search.joint_fit import Fit, fit_terms
 from app.search.model import Model
 from app.search.priors import OF_MAPS
-from app.search.problem import Problem, Term
+from app.search.problem import Problem, Term, places
 from app.search.state import Given, State
 
 
@@ -46,10 +46,8 @@ class Learned:
         -------
         ndarray, shape (n,)
         """
-        total, start = np.zeros(len(self.states[channel].fixed.channel.rows)), 0
-        for i, term in enumerate(self.terms):
-            part = slice(start, start + term.size)
-            start += term.size
+        total = np.zeros(len(self.states[channel].fixed.channel.rows))
+        for i, (term, part) in enumerate(zip(self.terms, places(self.terms), strict=True)):
             if number is not None and i != number:
                 continue
             if channel in term.columns and not (known_alone and term.origin is None):
@@ -127,8 +125,7 @@ def slope_from_same_zero(
     scatter is estimated beside the term, and has not swallowed it.
     """
     others = [t for i, t in enumerate(learned.terms) if i != number]
-    term, start = learned.terms[number], sum(t.size for t in learned.terms[:number])
-    sizes = learned.fit.amplitudes[start : start + term.size]
+    term, sizes = learned.terms[number], learned.fit.amplitudes[places(learned.terms)[number]]
     touched = {c for t in learned.terms for c in t.columns}
     cells = held_out.copy()
     for state in learned.states.values():

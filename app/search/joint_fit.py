@@ -15,7 +15,7 @@ import numpy as np
 from app.arrays import FloatArray, IntArray
 from app.search.channel import shared_errors, unit_prior_columns
 from app.search.model import Model
-from app.search.problem import Term
+from app.search.problem import Term, places
 from app.search.rows import Nuisance
 from app.search.state import LEAST_SQUARES, State
 
@@ -150,18 +150,16 @@ def left_out(
         (0 if error.shared is None else error.shared.shape[0] for error in errors), default=0
     )
     taken = np.zeros((width, count))
-    offsets = np.cumsum([0, *(t.size for t in terms)])
     for c, state in states.items():
-        mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if c in t.columns]
+        mine, index = _acting(terms, c)
         of_channel = [error for error in errors if error.channel == c]
         if not mine or not of_channel:
             continue
         channel = state.fixed.channel
-        x = np.hstack([t.columns[c] for _, t in mine])
+        x = np.hstack([t.columns[c] for t in mine])
         z = unit_prior_columns(of_channel, c, channel.rows, channel.scale)
         cross = Model(state, fit.level[c]).product(x, z) / fit.scatter[c]
-        index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
-        taken[index] += cross @ shared_errors(of_channel, c, count).T
+        taken[index] += np.asarray(cross @ shared_errors(of_channel, c, count).T)
     moved = fit.covariance @ taken
     return np.asarray(moved @ moved.T)
 
@@ -180,14 +178,12 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
         All terms, also those that do not act on it.
     """
     fixed, number = state.fixed, state.fixed.channel.number
-    offsets = np.cumsum([0, *(t.size for t in terms)])
-    mine = [(o, t) for o, t in zip(offsets, terms, strict=False) if number in t.columns]
+    mine, index = _acting(terms, number)
     levels = len(state.rss)
     if not mine:
-        return Share(state, np.zeros(0, np.intp), np.zeros((levels, 0, 0)), np.zeros((levels, 0)))
-    index = np.concatenate([np.arange(o, o + t.size) for o, t in mine])
-    columns = np.hstack([t.columns[number] for _, t in mine])
-    parts = [t.moments(fixed) for _, t in mine]
+        return Share(state, index, np.zeros((levels, 0, 0)), np.zeros((levels, 0)))
+    columns = np.hstack([t.columns[number] for t in mine])
+    parts = [t.moments(fixed) for t in mine]
     used = columns if state.blocks.all() else columns[state.blocks[fixed.channel.block]]
     square = used.T @ used
     nuisance = np.hstack([m.nuisance[state.cells].sum(axis=0).T for m in parts])
@@ -197,6 +193,17 @@ def share_of(state: State, terms: Sequence[Term]) -> Share:
     gram = square - shadow @ shadow.transpose(0, 2, 1)
     slope = values - (shadow @ state.shadow)[..., 0]
     return Share(state, index, gram, slope)
+
+
+def _acting(terms: Sequence[Term], channel: int) -> tuple[list[Term], IntArray]:
+    """Give the terms that act on a channel, and which of all amplitudes are theirs."""
+    parts = [
+        (term, np.arange(part.start, part.stop))
+        for term, part in zip(terms, places(terms), strict=True)
+        if channel in term.columns
+    ]
+    nothing = np.zeros(0, dtype=np.intp)
+    return [term for term, _ in parts], np.concatenate([nothing, *(at for _, at in parts)])
 
 
 def inverse(gram: FloatArray) -> FloatArray:

@@ -20,11 +20,8 @@ from app.search.moments import Fixed, Moments, blocks, moments_of
 from app.search.problem import Problem, SideBySide, Term
 from app.search.scatter import FEWEST_BLOCKS
 
-WIDTH: Final = 256
+WIDTH: Final = 192
 """Columns of one batch: bounds the memory at any number of candidates."""
-
-FINGERPRINT_WIDTH: Final = 192
-"""Columns of a batch over several channels: each channel keeps its products."""
 
 TOGETHER: Final = 400_000
 """Numbers, at one for each row and entry, that are laid out at once at most."""
@@ -35,9 +32,7 @@ KEPT_BYTES: Final = 300_000_000
 WAITING_BYTES: Final = 200_000_000
 """Columns may wait for their batch to be full up to this size: there are dozens of batches."""
 
-GB: Final = 1_000_000_000
-
-MOST_BYTES: Final = 4 * GB
+MOST_BYTES: Final = 4_000_000_000
 """Size of the products: they grow as candidates times visits, and times entries of the maps."""
 
 
@@ -296,7 +291,7 @@ class _BatchBuilder:
     ) -> None:
         """Let entries of one key wait, as many at a time as still fit into its batch."""
         channels, size, _ = key
-        limit = -(-(WIDTH if len(channels) == 1 else FINGERPRINT_WIDTH) // size)
+        limit = -(-WIDTH // size)
         while len(entries):
             room = limit - self.waiting_count[key]
             at = (starts[:room, None] + np.arange(size)).ravel()
@@ -346,7 +341,7 @@ class _BatchBuilder:
         visits = max(len(channel.starts) for channel in channels)
         directions = max(channel.nuisance.shape[1] for channel in channels)
         raise InvalidContent(
-            f"expected a search whose candidates take at most {MOST_BYTES / GB:g} GB, got more, "
+            f"expected a search whose candidates take at most {MOST_BYTES / 1e9:g} GB, got more, "
             f"of {visits:,} visits and {directions:,} ways in which the maps may be wrong: analyse "
             "fewer verifications at once, name the kinds of effects to be tested, or store maps "
             "with fewer positions"

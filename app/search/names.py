@@ -14,11 +14,12 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.search.alike import Alike, evidence_beside_alike, how_alike, set_ups_seen
+from app.search.base_grams import BaseGrams
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.foresight import Learned, learn
 from app.search.library import read_library
-from app.search.problem import Problem, Term
+from app.search.problem import Problem, Term, places
 from app.search.rows import Datum
 from app.search.scan import scan
 from app.search.selection import Selector
@@ -30,7 +31,7 @@ STRONG: Final = 6.0
 two explanations are tied (Kass, Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
 
 SAME: Final = 1e-6
-"""Share of a flexible version's size below which nothing of it is left beside the term."""
+"""Share of a size below which nothing of it is left beside another explanation."""
 
 WANDERS_ALONE: Final = "what it leaves wanders unlike the residuals of any other component"
 
@@ -73,7 +74,8 @@ def name_doubts(selector: Selector, terms: Sequence[Term], draws: Draws) -> list
         return [tuple(words) for words in said]
     problem = selector.library.problem
     library = read_library(problem, candidates, draws)
-    scanned = scan(library, selector.given(terms), draws, generic=True)
+    base = BaseGrams(library, selector.states)
+    scanned = scan(library, selector.given(terms), base, draws, generic=True)
     entries = np.array([entry.candidate for entry in library.entries], dtype=np.intp)
     limit = threshold(
         scanned,
@@ -146,9 +148,8 @@ class _Beside(NamedTuple):
 
     def explained(self, number: int) -> dict[int, FloatArray]:
         """Say what one of the terms explains of each channel that it acts on."""
-        first = sum(term.size for term in self.terms[:number])
         term = self.terms[number]
-        amplitudes = self.learned.fit.amplitudes[first : first + term.size]
+        amplitudes = self.learned.fit.amplitudes[places(self.terms)[number]]
         return {c: columns @ amplitudes for c, columns in term.columns.items()}
 
 

@@ -52,9 +52,6 @@ ROUNDS: Final = 2
 
 HALVINGS: Final = 26
 
-AT_ONCE: Final = 2_000_000
-"""Numbers that are worked on at once."""
-
 
 @dataclass(frozen=True, eq=False)
 class DrawnNoise:
@@ -220,20 +217,12 @@ def noncentralities(
         c: np.concatenate([base.of(number, c).gram[:, list(at)] for number, at in parts], axis=1)
         for c in first.channels
     }
-    sizes = np.empty(len(entries))
-    sets = max(len(noise[c].state.rss) for c in first.channels)
-    step = max(1, AT_ONCE // (sets * DRAWN))
-    for begin in range(0, len(entries), step):
-        some = slice(begin, begin + step)
-        chosen = entries[some]
-        wanted = _Wanted(
-            chdtri(first.size, np.power(10.0, -limit.surprise[chosen])),
-            limit.bartlett[chosen],
-            cost[chosen],
-        )
-        shares = {c: gram[:, some] for c, gram in grams.items()}
-        sizes[some] = _Visible.of(shares, noise).needed(wanted)
-    return sizes
+    wanted = _Wanted(
+        chdtri(first.size, np.power(10.0, -limit.surprise[entries])),
+        limit.bartlett[entries],
+        cost[entries],
+    )
+    return _Visible.of(grams, noise).needed(wanted)
 
 
 @dataclass(frozen=True, eq=False)

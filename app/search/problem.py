@@ -68,6 +68,12 @@ class Term:
         return self._moments[number]
 
 
+def places(terms: Sequence[Term]) -> list[slice]:
+    """Say which of all amplitudes are each term's: they stand one after the other."""
+    ends = np.cumsum([term.size for term in terms]).tolist()
+    return [slice(end - term.size, end) for term, end in zip(terms, ends, strict=True)]
+
+
 class SideBySide(NamedTuple):
     """Columns of e candidates, m in all, of unit length over all channels.
 

@@ -111,25 +111,23 @@ class Target:
 def scan(
     library: Library,
     states: Mapping[int, State],
+    base: BaseGrams,
     draws: Draws | None = None,
     generic: bool = False,
-    base: BaseGrams | None = None,
     before: tuple[Mapping[int, State], Scan] | None = None,
 ) -> Scan:
     """Scan all entries, either those with a physical meaning or the generic ones.
 
     Parameters
     ----------
+    base
+        Base grams of the same cells, kept from scan to scan.
     draws
         Draws of noise (only with all cells); None: the measured values alone.
-    base
-        Base grams of the same cells, kept from scan to scan; computed without it.
     before
         States and findings of an earlier scan: entries whose channels have the same states
         are not computed again. Without draws only.
     """
-    if base is None:
-        base = BaseGrams(library, {c: s.without_given() for c, s in states.items()})
     count = draws.count if draws else 0
     ratio, rank = np.zeros(len(library.entries)), np.zeros(len(library.entries))
     noise = np.zeros((len(library.entries), count))

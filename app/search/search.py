@@ -40,7 +40,7 @@ from app.search.leverage import leverage
 from app.search.library import Library, read_library
 from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts, offset_of, set_ups_alike
 from app.search.noise import at_least_rounding, repeatability
-from app.search.problem import Problem, Term, make_problem, with_expected_wander
+from app.search.problem import Problem, Term, make_problem, places, with_expected_wander
 from app.search.refinement import refine
 from app.search.rivals import better_forms, find_all_rivals
 from app.search.rows import Nuisance, Rows
@@ -363,11 +363,9 @@ def _beside(
     """Fit known terms and some of the found ones again, without the others."""
     chosen = [i for i, term in enumerate(terms) if term.origin is not None or i in confirmed]
     again = [terms[i] for i in chosen]
-    fit, start = _with_unsaid(selector, again, selector.fit(again), unsaid), 0
+    fit = _with_unsaid(selector, again, selector.fit(again), unsaid)
     divided: tuple[list[FoundTerm], list[FoundTerm]] = ([], [])
-    for i in chosen:
-        part = slice(start, start + terms[i].size)
-        start += terms[i].size
+    for i, part in zip(chosen, places(again), strict=True):
         amplitudes, covariance = _sizes(terms[i], fit, part)
         refitted = replace(every[i], amplitudes=amplitudes, covariance=covariance)
         divided[terms[i].origin is not None].append(refitted)
@@ -490,8 +488,7 @@ def _found_term(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
     selector, main, fit, rivals, doubts, checked, _, _ = outcome
     term = main.terms[number]
     others = main.terms[:number] + main.terms[number + 1 :]
-    start = sum(t.size for t in main.terms[:number])
-    part = slice(start, start + term.size)
+    part = places(main.terms)[number]
     ratio = 2.0 * (fit.log_likelihood - selector.fit(others).log_likelihood)
     strongest, share = leverage(selector, main.terms, number)
     slope, inclusion = checked.slope(number), checked.inclusion(number)
@@ -511,7 +508,7 @@ def _found_term(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
         covariance=covariance,
         likelihood_ratio=ratio,
         degrees_of_freedom=term.size + term.candidate.nonlinear,
-        evidence=ratio - selector.cost(term, fit, start),
+        evidence=ratio - selector.cost(term, fit, part.start),
         global_p=main.stages[0].limit.global_p_of(int(entries[0]), ratio, rank),
         rivals=tuple(_sized(selector, *rival, term, others) for rival in rivals[number]),
         slope=slope,

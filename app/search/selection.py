@@ -21,7 +21,7 @@ from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.joint_fit import Fit, fit_terms, unexpected
 from app.search.library import Library
-from app.search.problem import Term
+from app.search.problem import Term, places
 from app.search.refinement import refine
 from app.search.same_course import second_late, taken_back
 from app.search.scan import Scan, scan
@@ -165,7 +165,7 @@ class Selector:
         key = (tuple(id(t) for t in terms), draws, generic)
         if self._last is None or self._last[0] != key:
             before = None if generic or draws else self._bare
-            scanned = scan(self.library, self.given(terms), draws, generic, self.base, before)
+            scanned = scan(self.library, self.given(terms), self.base, draws, generic, before)
             self._last = (key, list(terms), scanned)
             if not terms and not generic:
                 self._bare = (self.states, scanned)
@@ -489,10 +489,7 @@ def _conditioned_on(
     state: State, channel: int, terms: Sequence[Term], fit: Fit, errors: FloatArray
 ) -> Given | None:
     columns, precision, offset = [], [], np.zeros(len(state.fixed.channel.rows))
-    start = 0
-    for term in terms:
-        part = slice(start, start + term.size)
-        start += term.size
+    for term, part in zip(terms, places(terms), strict=True):
         if channel not in term.columns:
             continue
         columns.append(term.columns[channel])

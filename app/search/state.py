@@ -208,10 +208,6 @@ class State:
         self.shadow = self.levels.shadow(with_nuisance, reduced)
         self.rss = square - np.sum(self.shadow**2, axis=(1, 2))
 
-    def without_given(self) -> State:
-        """Look at the same channel and cells without given terms."""
-        return self if self.given is None else State(self.fixed, self.cells)
-
     @property
     def freedom(self) -> float:
         """Rows, and what the repeatability counts for by itself."""

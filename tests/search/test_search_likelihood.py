@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal
 
 from app.search import scan as scans
+from app.search.base_grams import BaseGrams
 from app.search.candidate import Candidate, Layout, Part
 from app.search.channel import prepare
 from app.search.draws import Draws
@@ -75,7 +76,7 @@ def test_ratio_of_every_candidate_against_dense_covariances(datum):
     campaign, problem = make_small(datum=datum)
     library = read_library(problem, make_library(campaign, pitches=4), None)
     states = problem.states(np.ones(2, dtype=bool))
-    found = scan(library, states)
+    found = scan(library, states, BaseGrams(library, states))
     null = {
         c: dense_profile(f.channel, np.zeros((len(f.channel.rows), 0)))
         for c, f in problem.fixed.items()
@@ -214,9 +215,9 @@ def test_a_scan_does_not_depend_on_the_portions_that_it_works_in(monkeypatch, po
     draws = Draws(1, 20)
     library = read_library(problem, make_library(campaign, pitches=4), draws)
     states = problem.states(np.ones(2, dtype=bool))
-    whole = scan(library, states, draws)
+    whole = scan(library, states, BaseGrams(library, states), draws)
     monkeypatch.setattr(scans, "PORTION", portion)
-    parted = scan(library, states, draws)
+    parted = scan(library, states, BaseGrams(library, states), draws)
     np.testing.assert_allclose(parted.ratio, whole.ratio, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(parted.noise, whole.noise, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(parted.rank, whole.rank)
@@ -230,7 +231,9 @@ def test_fingerprint_in_the_scan_agrees_with_the_joint_fit():
     term = library.term(entry)
     assert len(term.columns) == 2
     exact = 2 * (fit_terms(states, [term]).log_likelihood - fit_terms(states, []).log_likelihood)
-    assert scan(library, states).ratio[entry] == pytest.approx(exact, abs=1e-3)
+    assert scan(library, states, BaseGrams(library, states)).ratio[entry] == pytest.approx(
+        exact, abs=1e-3
+    )
 
 
 def test_part_of_the_visits_is_as_if_the_others_had_never_been():
@@ -249,7 +252,7 @@ def test_draws_of_the_null_have_the_ratio_of_noise():
     candidates = [c for c in make_library(campaign, pitches=2) if c.key in ("speed-0", "twin-0")]
     states = problem.states(np.ones(2, dtype=bool))
     library = read_library(problem, candidates, Draws(1, 400))
-    found = scan(library, states, Draws(1, 400))
+    found = scan(library, states, BaseGrams(library, states), Draws(1, 400))
     mean = found.noise.mean(axis=1) / found.rank
     assert (mean > 0.6).all()
     assert (mean < 1.6).all()

@@ -253,10 +253,11 @@ def _row(
     places = at_mm if component.is_table else np.full(1, np.nan)
     up, down = (
         [
-            (n, term.everywhere_at(model, Places(places, np.full(places.shape, side)), moment, v))
+            # One moment's driver stands for all places.
+            (n, np.broadcast_to(term.at(model, Places(places, sides), moment, v), places.shape))
             for n, term, v in others
         ]
-        for side in (1.0, -1.0)
+        for sides in (np.ones(places.shape), -np.ones(places.shape))
     )
     lost |= {n: NO_NUMBER for n, values in (*up, *down) if not np.isfinite(values).all()}
     base = forward if backward is None else backward

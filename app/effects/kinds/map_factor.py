@@ -15,7 +15,6 @@ from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported
 from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
 from app.effects.map_tables import maps_of_label
 from app.effects.projection import Projection
-from app.effects.supposition import left_by_maps
 from app.effects.words import TWO_ERRORS, components, parameter, verb
 from app.geometry.components import COMPONENTS
 from app.search.candidate import Expected
@@ -204,7 +203,8 @@ def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypot
 def _supposed(
     codes: tuple[str, ...], label: str, projection: Projection, theta: float | None
 ) -> FloatArray:
-    return left_by_maps(projection, codes, label or None)
+    # Counted once more: what is left is c − 1 of what the maps say.
+    return projection.predicted_by(codes, label or None)
 
 
 def _reported(estimate: Estimate) -> Reported:
