@@ -63,7 +63,8 @@ async def refuse_unknown_query(request: Request) -> None:
     InvalidContent
         That names the parameters of the route.
     """
-    names = [field.alias for field in _query_params(request.scope["route"].dependant)]
+    params = _query_params(request.scope["route"].dependant)
+    names = dict.fromkeys(field.alias for field in params)
     for name in request.query_params:
         if name not in names:
             expected = (

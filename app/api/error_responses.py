@@ -157,7 +157,8 @@ def _thermap_error(request: Request, error: ThermapError) -> Response:
 
 
 def _invalid_request(request: Request, error: RequestValidationError | ValidationError) -> Response:
-    field_errors = [field_error(e) for e in error.errors()]
+    # A parameter that two dependencies read is refused by both.
+    field_errors = list(dict.fromkeys(map(field_error, error.errors())))
     least = "at least " if len(field_errors) >= ENOUGH_ERRORS else ""
     more = f" (and {least}{len(field_errors) - 3} more)" if len(field_errors) > 3 else ""
     detail = "; ".join(f"{e.field}: {e.message}" for e in field_errors[:3]) + more

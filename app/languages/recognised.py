@@ -121,9 +121,10 @@ class _Entry(NamedTuple):
 
 
 @cache
-def _entries(language: str) -> tuple[dict[str, _Entry], tuple[_Entry, ...]]:
-    """Give the messages without places, by their text, and those with places."""
-    whole, open_ = {}, {}
+def _entries(language: str) -> tuple[dict[str, _Entry], tuple[list[_Entry], ...]]:
+    """Give the messages without places, by their text, and those with places: alike together."""
+    whole = {}
+    open_: dict[tuple[str, ...], list[_Entry]] = {}
     # All catalogues have the same messages.
     for message in catalogue(LANGUAGES[-1] if language == ENGLISH else language):
         if not message.id or not any(is_said_by_the_service(file) for file, _ in message.locations):
@@ -138,8 +139,8 @@ def _entries(language: str) -> tuple[dict[str, _Entry], tuple[_Entry, ...]]:
             if not places:
                 whole[literals[0]] = entry
             else:
-                open_[pattern] = entry
-    by_words = sorted(open_.values(), key=lambda entry: -sum(map(len, entry.literals)))
+                open_.setdefault(literals, []).append(entry)
+    by_words = sorted(open_.values(), key=lambda entries: -sum(map(len, entries[0].literals)))
     return whole, tuple(by_words)
 
 
@@ -219,14 +220,16 @@ class _Reading:
                     return
 
     def _patterns_of(self, text: str) -> Iterator[Callable[[str], Iterator[Said]]]:
-        for entry in self._open:
-            if entry.longest in text and entry.may_be(text):
-                yield partial(self._by_pattern, entry)
+        for entries in self._open:
+            if entries[0].longest in text and entries[0].may_be(text):
+                yield partial(self._by_patterns, entries)
 
-    def _by_pattern(self, entry: _Entry, text: str) -> Iterator[Said]:
-        begin, end = len(entry.literals[0]), len(text) - len(entry.literals[-1])
-        for unread, outside, pieces, values in self._values(entry, text, begin, end, 0):
-            yield Said(unread, outside, pieces + 1, self._in_language(entry, values))
+    def _by_patterns(self, entries: Iterable[_Entry], text: str) -> Iterator[Said]:
+        """Read a text by patterns of the same words: what stands between them tells them apart."""
+        for entry in entries:
+            begin, end = len(entry.literals[0]), len(text) - len(entry.literals[-1])
+            for unread, outside, pieces, values in self._values(entry, text, begin, end, 0):
+                yield Said(unread, outside, pieces + 1, self._in_language(entry, values))
 
     def _values(
         self, entry: _Entry, text: str, begin: int, end: int, place: int

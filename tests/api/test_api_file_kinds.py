@@ -231,3 +231,12 @@ async def test_what_is_wrong_with_a_file_is_said_with_its_line(client, preview):
     assert [one["field"] for one in errors] == ["label", "temperature"]
     assert "x.csv holds check measurements" in errors[0]["message"]
     assert (await client.get(f"{ROOM}/verifications")).json() == []
+
+
+async def test_a_parameter_that_is_wrong_is_refused_once_and_an_unknown_one_with_each_known(client):
+    path = f"{ROOM}/files?name=run.csv"
+    answer = await client.post(f"{path}&kind=verification", content=b"a", headers=BINARY)
+    assert problem(answer, 422)["detail"] == "kind: expected 'map' or 'check', got 'verification'"
+    answer = await client.post(f"{path}&expect=check", content=b"a", headers=BINARY)
+    known = problem(answer, 422)["detail"].split(" parameters ")[1].split(" and ")[0].split(", ")
+    assert len(set(known)) == len(known)

@@ -124,6 +124,8 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
             "EXX hat eine Umkehrspanne von 6,08 ± 0,06 µm bei X 10,00 in, "
             "steigend um 1,0 µm je 3,94 in",
         ),
+        ("fall from 2.27 to 1.13", "fallen von 2,27 auf 1,13"),
+        ("name from 'Mill' to 'Mill 2'", "name von 'Mill' auf 'Mill 2'"),
         ("assigned EXX to Column, EYX to Bed", "zugeordnet EXX zu Column, EYX zu Bed"),
         ("map Run 6 stored", "Karte Run 6 gespeichert"),
         ("Bed is stale", "Bed ist veraltet"),

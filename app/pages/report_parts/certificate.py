@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 
+from markupsafe import Markup
+
 from app import __version__
 from app.pages.wording import _, listed, message, said
 
@@ -37,11 +39,9 @@ def measured_facts(
         _("instrument"): _names(instruments),
         _("operator"): _names(operators),
         _("measured"): said(" to ".join(dict.fromkeys(ends)) or NOT_STATED),
-        _("temperatures"): said(
-            "; ".join(
-                f"{sensor} {low:.1f} to {high:.1f} °C"
-                for sensor, (low, high) in temperatures_c.items()
-            )
+        _("temperatures"): Markup("; ").join(
+            said(f"{sensor} {low:.1f} to {high:.1f} °C")
+            for sensor, (low, high) in temperatures_c.items()
         ),
     }
 
