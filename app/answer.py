@@ -11,7 +11,7 @@ import inspect
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import (
     TYPE_CHECKING,
@@ -69,6 +69,7 @@ class Answer:
         *,
         whole: bool = True,
         stated: bool = False,
+        example: Mapping[str, Any] | None = None,
         **more: Any,
     ) -> None:
         super().__init_subclass__(**more)
@@ -80,7 +81,7 @@ class Answer:
                 serialize_by_alias=True,
                 extra="forbid" if stated else "ignore",
                 json_schema_serialization_defaults_required=whole and not stated,
-                json_schema_extra=_as_answer,
+                json_schema_extra=partial(_as_answer, example),
             )
 
 
@@ -101,9 +102,13 @@ def _below(shape: type[Answer]) -> Iterator[type[Answer]]:
         yield from _below(subclass)
 
 
-def _as_answer(schema: dict[str, Any], shape: type[Answer]) -> None:
+def _as_answer(
+    example: Mapping[str, Any] | None, schema: dict[str, Any], shape: type[Answer]
+) -> None:
     """Say of an answer that it has no other fields, and what each of them is."""
     schema["additionalProperties"] = False
+    if example is not None:
+        schema["example"] = example
     properties = schema.get("properties", {})
     for name, field in properties.items():
         if name in schema.get("required", ()):

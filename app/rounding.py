@@ -7,7 +7,8 @@ so many decimals, which could make it 0, but to so many digits.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -145,8 +146,12 @@ Digits = Annotated[float, PlainSerializer(to_digits, return_type=float, when_use
 """A computed number that others may divide by, or of a unit that its name says."""
 
 
-def listed(axes: int, number: Any = float) -> GetPydanticSchema:
-    """Publish an array as lists in lists of numbers, to 0.1 nm where JSON is written.
+def listed(
+    axes: int,
+    number: Any = float,
+    write: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+) -> GetPydanticSchema:
+    """Publish an array as lists in lists of numbers, null for those that are not finite.
 
     Parameters
     ----------
@@ -154,6 +159,9 @@ def listed(axes: int, number: Any = float) -> GetPydanticSchema:
         How many it has.
     number
         What the document says of each number, such as that null may stand for it.
+    write
+        How numbers that are not whole are rounded where JSON is written; to 0.1 nm where it is
+        left out.
     """
     lists: Any = number
     for _ in range(axes):
@@ -161,7 +169,7 @@ def listed(axes: int, number: Any = float) -> GetPydanticSchema:
     return GetPydanticSchema(
         lambda _, handler: core_schema.any_schema(
             serialization=core_schema.plain_serializer_function_ser_schema(
-                _as_lists,
+                partial(_as_lists, write or rounded),
                 return_schema=handler.generate_schema(lists),
                 when_used="json",
             )
@@ -169,8 +177,15 @@ def listed(axes: int, number: Any = float) -> GetPydanticSchema:
     )
 
 
-def _as_lists(array: NDArray[Any]) -> list[Any]:
-    lists: list[Any] = (rounded(array) if array.dtype.kind == "f" else array).tolist()
+def _as_lists(
+    write: Callable[[NDArray[np.float64]], NDArray[np.float64]], array: NDArray[Any]
+) -> list[Any]:
+    written: NDArray[Any] = write(array) if array.dtype.kind == "f" else array
+    finite = np.isfinite(written)
+    if not finite.all():
+        written = written.astype(object)
+        written[~finite] = None
+    lists: list[Any] = written.tolist()
     return lists
 
 

@@ -24,7 +24,6 @@ from typing import Any
 import httpx
 import numpy as np
 
-from app.api.schemas.machines import settings_of
 from app.geometry.components import COMPONENTS
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
@@ -34,6 +33,7 @@ from app.settings import Settings
 from app.simulation.example.machine import TRAVEL_MM, example_machine, positions_mm
 from app.simulation.example.true_errors import true_errors
 from app.simulation.example.warm_up import run_temperatures
+from app.thermal.machine import MACHINE
 from app.units import MM_PER_M
 from thermap import AsyncThermapClient
 from thermap.answers import CompensationAnswer
@@ -70,7 +70,7 @@ async def compare(folder: Path) -> list[Comparison]:
     rng = np.random.default_rng(2026)
     try:
         async with AsyncThermapClient("http://localhost", transport=transport) as thermap:
-            await thermap.create_machine(settings_of(machine))
+            await thermap.create_machine(MACHINE.dump_python(machine, mode="json"))
             for number in MEASURED_RUNS:
                 await measure(thermap, machine.id, number, rng)
             return [await ask(thermap, machine.id, number, rng) for number in ASKED_RUNS]

@@ -141,7 +141,7 @@ def formatted(text: str, name: str) -> str:
     """Lay a file out and sort its imports as the house does; `name` is its name in `thermap`."""
     ruff = shutil.which("ruff") or str(Path(sysconfig.get_path("scripts")) / "ruff")
     stated = ("--stdin-filename", str(PACKAGE / name), "-")
-    for words in (("check", "--quiet", "--fix-only", "--select", "I"), ("format", "--quiet")):
+    for words in (("check", "--quiet", "--fix-only", "--select", "I,F401"), ("format", "--quiet")):
         text = subprocess.run(
             [ruff, *words, *stated], input=text, capture_output=True, text=True, check=True,
             encoding="utf-8", cwd=PACKAGE.parent,

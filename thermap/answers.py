@@ -271,9 +271,6 @@ class ComparisonAnswer(Shape):
     predicted_um: list[float]
     """The model's error at each position [µm]"""
 
-    model_version: int
-    """Version of the model"""
-
     bias_um: float
     """Mean of measured minus predicted [µm]"""
 
@@ -291,6 +288,9 @@ class ComparisonAnswer(Shape):
 
     confidence_95: list[float] | None
     """Its 95 % confidence interval"""
+
+    model_version: int
+    """Version of the model"""
 
 
 class CompensationCourse(Shape):
@@ -3238,9 +3238,6 @@ class MachineAnswer(Shape):
     name: str
     """Name for people"""
 
-    serial_number: str | None = None
-    """The manufacturer's, as on the type plate"""
-
     configuration: str
     """Kinematic chain: axes before F move the workpiece, those after it the tool"""
 
@@ -3263,6 +3260,9 @@ class MachineAnswer(Shape):
 
     same_temperature: Literal["refuse", "mean"] = "refuse"
     """What happens to maps closer in temperature than a sensor resolves"""
+
+    serial_number: str | None = None
+    """The manufacturer's, as on the type plate"""
 
     active_model: int | None
     """Active model version, null before the first map"""
@@ -3618,12 +3618,6 @@ class RecordedChangesAnswer(Shape):
 class ResidualsAnswer(Shape):
     """What a model version leaves of verifications."""
 
-    model_version: int
-    """Version that they were compared with"""
-
-    verifications: list[int]
-    """Numbers of the verifications"""
-
     overall: SizeAnswer | None
     """All lengths; null where nothing is one"""
 
@@ -3640,6 +3634,12 @@ class ResidualsAnswer(Shape):
 
     excluded: list[ExcludedAnswer]
     """What cannot be compared with the model"""
+
+    model_version: int
+    """Version that they were compared with"""
+
+    verifications: list[int]
+    """Numbers of the verifications"""
 
     counted_as_zero: list[str]
     """Components that residuals at points need, that no two maps have and that count as zero: these
@@ -3977,11 +3977,11 @@ class CompensationAnswer(CompensationTable):
 class CorrelationAnswer(Shape):
     """The proposal; nothing has changed."""
 
-    proposal: dict[str, str]
-    """The assignment that the maps speak for, ready to be PUT"""
-
     components: list[ProposalAnswer]
     """One for each component of the maps"""
+
+    proposal: dict[str, str]
+    """The assignment that the maps speak for, ready to be PUT"""
 
 
 class CurrentCompensationAnswer(CompensationAnswer):

@@ -318,6 +318,12 @@ class NestReading(Shape):
     time: AwareDatetime
     """When, with a zone"""
 
+    temperatures_c: dict[str, float] = {}
+    """Temperatures by sensor at that time [°C]; leave a failed sensor out"""
+
+    state: dict[str, float] = {}
+    """Any numbers that the shop knows of the machine's state"""
+
     position_mm: float | None = None
     """Where the moving axis stood [mm]; of the test linear-axis alone"""
 
@@ -335,12 +341,6 @@ class NestReading(Shape):
 
     y2_um: float | None = None
     """Along Y, as far from y_um [µm]"""
-
-    temperatures_c: dict[str, float] = {}
-    """Temperatures by sensor at that time [°C]; leave a failed sensor out"""
-
-    state: dict[str, float] = {}
-    """Any numbers that the shop knows of the machine's state"""
 
 
 class ObservationSchema(Shape):
@@ -1029,9 +1029,6 @@ class MachineSettings(Shape):
     name: str
     """Name for people"""
 
-    serial_number: str | None = None
-    """The manufacturer's, as on the type plate"""
-
     configuration: str
     """Kinematic chain: axes before F move the workpiece, those after it the tool"""
 
@@ -1054,6 +1051,9 @@ class MachineSettings(Shape):
 
     same_temperature: Literal["refuse", "mean"] = "refuse"
     """What happens to maps closer in temperature than a sensor resolves"""
+
+    serial_number: str | None = None
+    """The manufacturer's, as on the type plate"""
 
 
 class PictureRequest(Shape):

@@ -24,13 +24,12 @@ from app.api.dependencies import (
 from app.api.media_types import CSV, XLSX
 from app.api.methods.method import Evaluated, Method
 from app.api.methods.registry import METHODS, method_named
-from app.api.methods.shapes import MeasurementRequest
 from app.api.uploaded_map import FileMap, UploadedMeasurement, read_uploaded_map
 from app.api.uploaded_verification import UploadedVerification, read_uploaded_verification
 from app.decimal_text import read_number
 from app.errors import FieldError, InvalidContent, list_names
 from app.files.csv_comments import Header
-from app.services.measurements import Storing, map_of_result
+from app.services.measurements import MeasurementRequest, Storing, map_of_result
 from app.stated import UtcTime
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine
@@ -191,7 +190,7 @@ class FoundReadings:
                 f"--method {self.method.name}` shows what it makes",
             )
         result = self.evaluated.result
-        error_map = map_of_result(self.machine, self.method.name, self.body.header(), result)
+        error_map = map_of_result(self.machine, self.method.name, self.body, result)
         return FoundMap(error_map, [*self.remarks, *result.notes])
 
 

@@ -14,11 +14,15 @@ and Table II. ISO 10791-7, *Accuracy of finished test pieces*.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import FloatArray, rms
 from app.errors import InvalidContent
 from app.geometry.components import Component
@@ -35,40 +39,32 @@ from app.measurement.reference_line import (
 from app.measurement.result import MeasurementResult
 from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
 from app.measurement.stated_runs import as_positions, as_runs, as_straightness, stated_line
+from app.rounding import Digits, Micro, listed
 from app.thermal.correlation import fisher_interval, pearson_r
 from app.thermal.error_map import ComponentTable
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """What a part says against what a model predicts at the same positions.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Comparison(Answer):
+    """What the part says against what the model says."""
 
-    Parameters
-    ----------
-    bias_um
-        Mean of measured minus predicted, as both came [µm].
-    slope_difference_um_per_m
-        Least-squares slope of measured minus predicted, as both came [µm/m].
-    rms_difference_um
-        Root mean square of measured minus predicted, as both came [µm].
-    rms_without_line_um
-        The same after the reference line was taken out of both [µm].
-    correlation
-        Of both without their reference lines; None where one of them does not vary.
-    interval
-        Its 95 % confidence interval (Fisher), with one pair less for the slope that both
-        have lost; None of fewer than five points.
-    correlation_as_came
-        Of both as they came: a slope in common makes it large.
-    """
-
-    bias_um: float
-    slope_difference_um_per_m: float
-    rms_difference_um: float
-    rms_without_line_um: float
-    correlation: float | None
-    interval: tuple[float, float] | None
-    correlation_as_came: float | None
+    predicted_um: Annotated[FloatArray, listed(1)]
+    """The model's error at each position [µm]"""
+    bias_um: Micro
+    """Mean of measured minus predicted [µm]"""
+    slope_difference_um_per_m: Micro
+    """Slope of measured minus predicted [µm/m]"""
+    rms_difference_um: Micro
+    """Root mean square of measured minus predicted, as both came [µm]"""
+    rms_without_line_um: Micro
+    """The same without the reference line of both [µm]"""
+    correlation: Annotated[Digits | None, Field(alias="r")]
+    """Correlation of both without their lines"""
+    # With one pair less for the slope that both have lost; None of fewer than five points.
+    interval: Annotated[Sequence[Digits] | None, Field(alias="confidence_95")]
+    """Its 95 % confidence interval"""
+    # Of both as they came: a slope in common makes it large.
+    correlation_as_came: Annotated[float | None, Field(exclude=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,6 +204,7 @@ def _compare(edge: StraightEdge, predicted: FloatArray, line: StraightLine) -> C
     straightened = without_line(edge.positions_mm, line) @ predicted
     r = _correlation(edge.deviations_um, straightened)
     return Comparison(
+        predicted_um=predicted,
         bias_um=float(difference.mean()),
         slope_difference_um_per_m=slope_of(edge.positions_mm, difference),
         rms_difference_um=rms(difference),

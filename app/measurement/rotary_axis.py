@@ -11,11 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import FloatArray, frozen, largest_length, rms_length
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
@@ -35,6 +37,7 @@ from app.measurement.rotary_axis_report import (
     notes_on,
 )
 from app.measurement.stated_numbers import as_point, as_standard_deviation
+from app.rounding import listed
 from app.thermal.error_map import VALUE_LIMIT, ComponentTable
 from app.units import UM_PER_MM, URAD_PER_RAD
 
@@ -43,27 +46,19 @@ _FRONT: Final = {letter: (about(letter) + 1) % 3 for letter in AXIS_LETTERS}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PathErrors:
-    """How far the measured ball was beside the place where a control follows it ([R] 4.2).
+class PathErrors(Answer, published_as="PathErrorsAnswer"):
+    """How far the ball was beside the spindle that follows it, point by point."""
 
-    The control turns the ball's place at angle 0, by the fit, about the axis as it knows
-    it. In x, y, z, shape (n, 3) [µm], measured minus followed. What is left was measured at
-    the points from which the errors were found; at others it may be more.
-
-    Parameters
-    ----------
-    before_um
-        The control knows the nominal axis.
-    position_um
-        It knows the axis' two position errors: an axis of nominal direction through its
-        place at the ball's height, as two of [R]'s points give it.
-    all_um
-        It knows all errors that were found.
-    """
-
-    before_um: FloatArray
-    position_um: FloatArray
-    all_um: FloatArray
+    # [R] 4.2: the control turns the ball's place at angle 0, by the fit, about the axis as it knows
+    # it. Shapes (n, 3). The second as two of [R]'s points give it.
+    before_um: Annotated[FloatArray, listed(2)]
+    """Following the nominal axis: x, y, z, measured minus followed place [µm]"""
+    position_um: Annotated[FloatArray, listed(2), Field(alias="after_position_um")]
+    """Following an axis of nominal direction through the actual axis' place at the ball: its two
+    position errors compensated [µm]"""
+    all_um: Annotated[FloatArray, listed(2), Field(alias="after_all_um")]
+    """Following the axis that was found: all its errors compensated [µm]. At the points that showed
+    them; at others it may be more"""
 
     def figures(self) -> dict[str, float]:
         """Sum up the lengths of each [µm]."""

@@ -34,6 +34,7 @@ from app.events.event import EventKind
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version, live_model, restore_past
 from app.services.note_watch import noting_watch
+from app.stated import Schema
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import (
@@ -113,19 +114,73 @@ class WaitedBefore(Answer, published_as="WaitedBeforeAnswer"):
     """Which of the version's `loses` are its doing; the others are new"""
 
 
+class ModelChange(Schema):
+    """Which version was made, and whether tables are computed with it."""
+
+    model_version: int | None = Field(None, description="The version that was made", examples=[4])
+    activated: bool | None = Field(
+        None,
+        description="Whether it is active; a version that loses something waits until somebody "
+        "activates it, and the next ones are made of it",
+    )
+    loses: Sequence[Part] = Field(
+        default_factory=list,
+        description="What its tables lack against those of the version active before",
+    )
+    gains: Sequence[Part] = Field(
+        default_factory=list, description="What its tables have beyond those"
+    )
+    next_step: str | None = Field(
+        None, description="How to activate it all the same; null where it is active"
+    )
+    waited_before: WaitedBefore | None = Field(
+        None, description="What waited already; null where nothing did"
+    )
+    stays_active: int | None = Field(
+        None, description="The version that stays active while this one waits; null where it is"
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MadeVersion:
-    """A version that was made, whether it is active, and what it lacks.
-
-    `difference` is against the version that was active before, `active_version` the number of
-    the one that is active now, and `waited_before` the version that waited when this was made.
-    """
+    """A version that was made or activated, and what becomes of the tables by that."""
 
     version: ModelVersion
-    is_active: bool
-    active_version: int | None
-    difference: ModelDifference
-    waited_before: WaitedBefore | None = None
+    change: ModelChange
+
+    @property
+    def is_active(self) -> bool:
+        """Whether tables are computed with it."""
+        return bool(self.change.activated)
+
+
+def made_version(
+    change: MachineChange,
+    version: ModelVersion,
+    difference: ModelDifference,
+    waited: WaitedBefore | None = None,
+) -> MadeVersion:
+    """Say what the machine's tables lose and gain by a version against the one active before."""
+    number, active = version.version, change.row.active_version
+    is_active = number == active
+    how_to_activate = (
+        f"Version {number} is stored and waits, because its tables would lose something; version "
+        f"{active} of machine {change.row.id!r} stays active. Activating {number} lets tables "
+        f"follow it all the same; activating {active} again gives it up, and deleting the map that "
+        "would lose something takes that out. Versions made meanwhile contain what it contains."
+    )
+    return MadeVersion(
+        version,
+        ModelChange(
+            model_version=number,
+            activated=is_active,
+            loses=difference.loses,
+            gains=difference.gains,
+            next_step=None if is_active else how_to_activate,
+            waited_before=waited,
+            stays_active=None if is_active else active,
+        ),
+    )
 
 
 @contextmanager
@@ -276,7 +331,7 @@ def make_version(
     else:
         set_waiting(change.row, version.version)
     note_version(context, change, version, was_active, is_active=is_active)
-    return MadeVersion(version, is_active, change.row.active_version, difference, before)
+    return made_version(change, version, difference, before)
 
 
 def note_version(
@@ -318,7 +373,7 @@ def activate_waiting(
         was_active = change.row.active_version
         activate_version(change.row, waiting.version)
         note_version(context, change, waiting, was_active, is_active=True)
-    return MadeVersion(waiting, accept_losses, change.row.active_version, difference)
+    return made_version(change, waiting, difference)
 
 
 def remake_waiting(

@@ -383,7 +383,8 @@ def _compensation(
             component.code, place.position_mm, unit, None, after_s, nothing, (why.detail,)
         )
     values = tuple(
-        round(-value, 4) + 0.0 if isinstance(value, float) else None for value in predicted.values
+        round(-value, 4) + 0.0 if isinstance(value, float) else None
+        for value in predicted.predicted_um
     )
     return CompensationCourse(
         component.code,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
@@ -16,7 +16,7 @@ from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.past import sensors_of
 from app.errors import Conflict, StorageUnavailable, list_names
 from app.events.event import EventKind
-from app.geometry.components import COMPONENTS
+from app.geometry.components import COMPONENTS, ORDER
 from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived
 from app.services.access_keys import unbind_keys
@@ -123,7 +123,19 @@ def show_model(
         return model_version, row.active_version, row.waiting_version
 
 
-def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithEffects:
+@dataclass(frozen=True, slots=True)
+class ModelCoverage(Answer, published_as="ModelCoverageAnswer"):
+    """Which components the tables of a version have."""
+
+    model_version: Annotated[int, Field(examples=[3])]
+    """Number of the version"""
+    components: Annotated[Sequence[str], Field(examples=[["EXX", "EZZ"]])]
+    """Components of its tables"""
+    omitted: Annotated[Mapping[str, str], Field(examples=[{"EYY": "no sensor is assigned to it"}])]
+    """Component of its maps that no table has, to the reason"""
+
+
+def show_coverage(context: Context, machine_id: str, version: int) -> ModelCoverage:
     """Compile a version, to see which components its tables have.
 
     Raises
@@ -134,7 +146,9 @@ def show_coverage(context: Context, machine_id: str, version: int) -> ModelWithE
     with context.database.reading() as session:
         machine = stored_machine(find_machine(session, machine_id)).machine
         model_version = find_version(session, machine_id, version)
-    return ModelWithEffects(compile_version(machine, model_version), adopted_effects(model_version))
+    model = compile_version(machine, model_version)
+    codes = ModelWithEffects(model, adopted_effects(model_version)).codes
+    return ModelCoverage(version, sorted(codes, key=ORDER.__getitem__), model.omitted)
 
 
 def show_readings(

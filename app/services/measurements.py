@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -26,20 +25,29 @@ from app.services.error_maps import (
 )
 from app.services.load_machine import load_machine
 from app.services.models import Preview
-from app.stated import Integer, Number, Point
+from app.stated import Integer, Name, Number, Point, Schema, Temperatures, UtcTime
 from app.thermal.error_map import ErrorMap
 from app.thermal.machine import Machine, Travel
 
+Repeatability = Annotated[Number, Field(gt=0)]
 
-@dataclass(frozen=True, slots=True)
-class MapHeader:
-    """What an error map needs beside its components; None where it was not stated."""
 
-    label: str | None
-    measured_at: datetime | None
-    temperatures_c: Mapping[str, float] | None
-    instrument: str | None
-    repeatability_um: float | None
+class MeasurementRequest(Schema):
+    """What makes an error map of a measurement; needed only where it is to be stored."""
+
+    label: Name | None = Field(None, description="The map's name", examples=["Run #1"])
+    measured_at: UtcTime | None = Field(
+        None, description="When it was measured, with a zone", examples=["2026-03-01T06:00:00Z"]
+    )
+    temperatures_c: Temperatures | None = Field(
+        None, description="Every sensor's temperature at that time [°C]"
+    )
+    instrument: Name | None = Field(None, description="What measured", examples=["laser vector"])
+    repeatability_um: Repeatability | None = Field(
+        None,
+        description="Standard deviation of one reading, where the readings do not show it [µm]",
+        examples=[0.3],
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +86,7 @@ def store_measurement(
     context: Context,
     machine: Machine,
     method: str,
-    header: MapHeader,
+    header: MeasurementRequest,
     result: MeasurementResult,
     storing: Storing,
 ) -> Measured:
@@ -111,7 +119,7 @@ def _check_axes(machine: Machine, result: MeasurementResult) -> None:
 
 
 def map_of_result(
-    machine: Machine, method: str, header: MapHeader, result: MeasurementResult
+    machine: Machine, method: str, header: MeasurementRequest, result: MeasurementResult
 ) -> ErrorMap:
     """Make the error map of a measurement's result.
 

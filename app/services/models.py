@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, InstanceOf
 
-from app.answer import Answer
+from app.answer import Answer, shown
 from app.compensation.table import CompensationTable
 from app.compensation.table_difference import ComponentChange, component_changes
 from app.effects.adopted.model_difference import ModelWithEffects, Part
@@ -25,6 +25,7 @@ from app.services.change_model import (
     changing_machine,
     difference_to_active,
     draft_version,
+    made_version,
     make_version,
     note_version,
     reading_machine,
@@ -271,7 +272,7 @@ def activate_model(context: Context, machine_id: str, version: int) -> MadeVersi
             activate_version(change.row, version)
             note_version(context, change, version_to_activate, was_active, is_active=True)
         set_waiting(change.row, None)
-    return MadeVersion(version_to_activate, True, version, difference)
+        return made_version(change, version_to_activate, difference)
 
 
 def preview_model_activation(context: Context, machine_id: str, version: int) -> Preview:
@@ -365,12 +366,30 @@ def sensor_assignment(context: Context, machine_id: str) -> Mapping[str, str]:
     return version.assignment if version else {}
 
 
-def correlate_sensors(context: Context, machine_id: str) -> list[Proposal]:
+@dataclass(frozen=True, slots=True)
+class Correlated(Answer, published_as="CorrelationAnswer"):
+    """The proposal; nothing has changed."""
+
+    components: Sequence[Proposal]
+    """One for each component of the maps"""
+
+    @shown
+    def proposal(self) -> dict[str, str]:
+        """The assignment that the maps speak for, ready to be PUT."""
+        return {
+            entry.code: entry.proposed_sensor
+            for entry in self.components
+            if entry.proposed_sensor is not None
+        }
+
+
+def correlate_sensors(context: Context, machine_id: str) -> Correlated:
     """Correlate the active version's maps with every sensor; nothing changes."""
     machine, version = _machine_and_version(context, machine_id)
     if version is None:
-        return []
-    return propose_assignment(machine, [m.error_map for m in version.maps], version.assignment)
+        return Correlated(())
+    error_maps = [stored.error_map for stored in version.maps]
+    return Correlated(propose_assignment(machine, error_maps, version.assignment))
 
 
 def _machine_and_version(context: Context, machine_id: str) -> tuple[Machine, ModelVersion | None]:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import Answer
 from app.arrays import FloatArray
 from app.effects.adopted.held import Missing
 from app.effects.adopted.prediction import AskedPlaces, predict_with_effects
@@ -17,6 +20,7 @@ from app.effects.past import needed_past
 from app.effects.projection import missing_at_points
 from app.errors import InvalidContent, NotEnoughMaps, counted, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component
+from app.rounding import Micro
 from app.services.ask_field import TableQuestion, Triple, ask_field, missing_refused
 from app.services.change_model import choose_version
 from app.services.context import Context
@@ -52,17 +56,24 @@ class ErrorQuestion:
 
 
 @dataclass(frozen=True, slots=True)
-class Predictions:
-    """A number or three for each observation, None where its status says why not.
-
-    `counted_as_zero` are the components that points need and no two maps have.
-    """
+class Predictions(Answer, published_as="PredictionAnswer"):
+    """What the model says."""
 
     model_version: int
-    values: list[float | list[float] | None]
+    """Version that was asked"""
+    predicted_um: list[Micro | list[Micro] | None]
+    """For each observation its error [µm; angular errors µrad, squareness µm/m], three numbers x,
+    y, z for a point, null where its status says why there is none"""
     status: list[str]
+    """For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, `stand-in`, or
+    `no-reading`, `outside-maps`; `effects-only` where no two maps have the component; `held` where
+    an adopted effect lies outside where it was learnt and is held at the edge of that;
+    `effect-missing` where one lacks what drives it and is not in the value (the warnings say which
+    and why)"""
+    counted_as_zero: Annotated[list[str], Field(examples=[["ECZ"]])] = field(default_factory=list)
+    """Components that points need, that no two maps have and that count as zero"""
     warnings: list[str] = field(default_factory=list)
-    counted_as_zero: list[str] = field(default_factory=list)
+    """What is not as it should be, in sentences"""
 
 
 def predict_errors(
@@ -113,7 +124,7 @@ def predict_errors(
         answer.warnings.extend(map(_beyond_tables, predicted.beyond))
         for i, value, status in zip(chosen, predicted.values, predicted.status, strict=True):
             signed = observations[i].sign * value
-            answer.values[i] = None if np.isnan(value).any() else signed.tolist()
+            answer.predicted_um[i] = None if np.isnan(value).any() else signed.tolist()
             answer.status[i] = str(status)
     return answer
 

@@ -17,10 +17,16 @@ from app.effects.observations import Verification
 from app.effects.past import needed_past
 from app.effects.projection import Projection
 from app.errors import InvalidContent, expect_each_once
-from app.identification.analysis.residual_report import ResidualReport, Size, residual_report
+from app.identification.analysis.residual_report import (
+    ResidualFigures,
+    ResidualReport,
+    Size,
+    residual_report,
+)
 from app.identification.campaign import Campaign, residuals_of
 from app.identification.observed_scatter import observed_scatter
 from app.identification.residuals.residuals import Residuals
+from app.rounding import Micro
 from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
@@ -131,6 +137,53 @@ class ShownResiduals:
     verification_ids: Sequence[int]
     verifications: Sequence[Verification]
     report: ResidualReport
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualRow(Answer):
+    """One measured number, compared with the model."""
+
+    verification: int
+    """Number of the verification"""
+    observation: int
+    """Place of the observation in it, from 0"""
+    time: datetime
+    """When, UTC"""
+    component: str
+    """Component code, or `points x`"""
+    unit: str
+    """Unit of its numbers"""
+    x_mm: float | None
+    """Where, as far as it is known [mm]"""
+    y_mm: float | None
+    """The same [mm]"""
+    z_mm: float | None
+    """The same [mm]"""
+    direction: Annotated[str, Field(examples=["+", "+0-"])]
+    """Approach: `+`, `-`, or `0` where not stated; at points of x, y and z"""
+    measured: float
+    """Measured [µm; angular components µrad, squareness µm/m]"""
+    predicted: Micro
+    """Predicted, adopted effects included [µm; angular components µrad, squareness µm/m]"""
+    residual: Micro
+    """Measured minus predicted. Where the instrument was zeroed, less the residual of its set-up's
+    first observation; where the zero is not known, less the mean [µm; angular components µrad,
+    squareness µm/m]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ResidualsAnswer(ResidualFigures):
+    """What a model version leaves of verifications."""
+
+    model_version: int
+    """Version that they were compared with"""
+    verifications: Sequence[int]
+    """Numbers of the verifications"""
+    counted_as_zero: Annotated[Sequence[str], Field(examples=[["ECZ"]])]
+    """Components that residuals at points need, that no two maps have and that count as zero: these
+    residuals contain them whole"""
+    rows: Sequence[ResidualRow]
+    """Single residuals, as many as were asked for"""
 
 
 def show_residuals(

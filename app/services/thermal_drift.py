@@ -27,9 +27,10 @@ from app.services.error_maps import (
     store_error_maps,
     table_remarks,
 )
-from app.services.measurements import MapHeader, Measured, Storing
+from app.services.measurements import Measured, MeasurementRequest, Storing
 from app.services.readings import store_readings
 from app.services.verifications import check_verification, store_verification
+from app.stated import MachineState, Number, Schema, UtcTime
 from app.storage.verifications import find_verification_by_label
 from app.thermal.error_map import ComponentTable, ErrorMap
 from app.thermal.machine import Machine
@@ -46,13 +47,17 @@ SAME_READINGS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class DriftReading:
+class DriftReading(Schema):
     """Time, temperatures [°C] and state beside one reading of the nest."""
 
-    time: datetime
-    temperatures_c: Mapping[str, float]
-    state: Mapping[str, float]
+    time: UtcTime = Field(description="When, with a zone", examples=["2026-03-01T06:00:00Z"])
+    temperatures_c: dict[str, Number] = Field(
+        default_factory=dict,
+        max_length=1000,
+        description="Temperatures by sensor at that time [°C]; leave a failed sensor out",
+        examples=[{"x-middle": 24.1, "z-column": 27.3}],
+    )
+    state: MachineState
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +126,7 @@ def running_of(
 def keep_drift(
     context: Context,
     machine: Machine,
-    header: MapHeader,
+    header: MeasurementRequest,
     drift: ThermalDrift,
     nest: Nest,
     recorded: Sequence[DriftReading],
@@ -180,7 +185,7 @@ def _last_made(stored: Sequence[StoredOnce]) -> StoredOnce:
     return replace(stored[-1], made=versions[-1] if versions else None)
 
 
-def _label(header: MapHeader) -> str:
+def _label(header: MeasurementRequest) -> str:
     if header.label is None:
         raise InvalidContent.of_field("label", "expected label of what is to be stored, got none")
     return header.label
@@ -224,7 +229,7 @@ def _expect_axes(machine: Machine, state: DriftState) -> None:
             )
 
 
-def _error_map(header: MapHeader, state: KeptState, result: MeasurementResult) -> ErrorMap:
+def _error_map(header: MeasurementRequest, state: KeptState, result: MeasurementResult) -> ErrorMap:
     if not state.tables:
         raise InvalidContent.of_field(
             "point_mm", "expected where the nest stood in mm for the maps of its states, got none"

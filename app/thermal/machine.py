@@ -7,15 +7,22 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
-from pydantic import Field
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    TypeAdapter,
+)
 
 from app.answer import Answer
 from app.errors import InvalidContent, UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.stated import Millimetres
+from app.stated import Millimetres, Name, Number
 from app.units import KELVIN_AT_0_C, MM_PER_M
 
 DEFAULT_STAND_INS = {"x-middle": "y-front"}
@@ -88,37 +95,32 @@ class Travel(Answer, published_as="TravelSchema", stated=True):
         return "m" if is_tiny else None
 
 
+_A_YEAR_S = 366 * 86_400
+
+
 @dataclass(frozen=True, slots=True)
-class Sensor:
-    """One temperature sensor and what is physically believable of it.
+class Sensor(Answer, published_as="SensorSchema", stated=True):
+    """A temperature sensor and what is physically believable of it."""
 
-    Parameters
-    ----------
-    stand_in
-        Sensor whose own temperatures serve when this one fails.
-    min_c, max_c
-        Range outside which a value is the sensor's failure, not a temperature [°C].
-    max_age_s
-        Age above which a value is stale; also the longest gap in time that is
-        bridged by interpolation [s].
-    resolution_c
-        Two temperatures closer than this are the same; ten times this is a clear
-        movement [°C].
-    stuck_after_s
-        Without any change for this long after its neighbours moved, it is stuck [s];
-        None for a sensor that may stand still, as in an air-conditioned room.
-    max_rate_c_per_min
-        A change faster than this is no temperature [°C/min].
-    """
-
-    name: str
-    stand_in: str | None = None
-    min_c: float = -50.0
-    max_c: float = 150.0
-    max_age_s: float = 600.0
-    resolution_c: float = 0.1
-    stuck_after_s: float | None = 3600.0
-    max_rate_c_per_min: float = 5.0
+    name: Annotated[str, Field(examples=["x-middle"])]
+    """Name of the sensor"""
+    stand_in: Annotated[str | None, Field(examples=["y-front"])] = None
+    """Sensor whose own temperatures serve when this one fails; x-middle has y-front where nothing
+    is stated"""
+    min_c: Annotated[Number, Field(ge=-273.15)] = -50.0
+    """Lowest believable temperature [°C]"""
+    max_c: Annotated[Number, Field(le=10_000)] = 150.0
+    """Highest believable temperature [°C]"""
+    max_age_s: Annotated[Number, Field(gt=0, le=_A_YEAR_S)] = 600.0
+    """Age above which a value is stale; longest gap bridged in time [s]"""
+    resolution_c: Annotated[Number, Field(gt=0, le=1000)] = 0.1
+    """Temperatures closer than this are the same; ten times this is a movement that sensors must
+    show [°C]"""
+    stuck_after_s: Annotated[Number, Field(gt=0, le=86400)] | None = 3600.0
+    """Without any change for this long after its neighbours moved clearly, it is stuck [s]; null
+    for a sensor that may stand still"""
+    max_rate_c_per_min: Annotated[Number, Field(gt=0, le=1e6)] = 5.0
+    """A change faster than this is no temperature [°C/min]"""
 
     def accepts(self, temperature_c: float) -> bool:
         """Whether a temperature [°C] lies in the sensor's range."""
@@ -153,28 +155,125 @@ class Sensor:
         )
 
 
+_MACHINE_ID = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
+
+
+def _fit_for_a_url(text: Any) -> Any:
+    """Say in words what the pattern says; what is no text is refused for that."""
+    if isinstance(text, str) and not re.fullmatch(_MACHINE_ID, text):
+        raise ValueError(
+            "1 to 64 letters from a to z or A to Z, digits, dots, hyphens or underscores, the "
+            "first of them a letter or digit"
+        )
+    return text
+
+
+MachineId = Annotated[
+    str,
+    BeforeValidator(_fit_for_a_url),
+    StringConstraints(pattern=_MACHINE_ID),
+    Field(examples=["mcfv5050"]),
+]
+
+Margin = Annotated[Number, Field(ge=0, le=1000)]
+"""How far extrapolation may go [°C]."""
+
+ErrorRatio = Annotated[Number, Field(ge=1, le=1000)]
+"""How many times as uncertain as its maps an extrapolated value may be."""
+
+
+def sensors_by_name(sensors: list[Sensor]) -> dict[str, Sensor]:
+    """Index sensors by name; two of one name are refused with InvalidContent."""
+    twice = [name for name, n in Counter(s.name for s in sensors).items() if n > 1]
+    if twice:
+        raise InvalidContent.of_field(
+            "sensors", f"expected each name once, got {list_names(twice)} more than once"
+        )
+    return {sensor.name: sensor for sensor in sensors}
+
+
+def _with_usual_stand_ins(sensors: Any) -> Any:
+    """State the stand-in of a sensor that usually has one, where nothing is stated of it."""
+    stated = [s for s in sensors if isinstance(s, dict)] if isinstance(sensors, list) else []
+    names = [sensor.get("name") for sensor in stated]
+    usual = {name: DEFAULT_STAND_INS[name] for name in names if name in DEFAULT_STAND_INS}
+    return (
+        [
+            {"stand_in": usual[sensor["name"]], **sensor}
+            if isinstance(sensor, dict) and usual.get(sensor.get("name")) in names
+            else sensor
+            for sensor in sensors
+        ]
+        if usual
+        else sensors
+    )
+
+
+def _lower_case(axes: dict[str, Travel]) -> dict[str, Travel]:
+    return {axis.lower(): travel for axis, travel in axes.items()}
+
+
+StatedSensors = Annotated[list[Sensor], BeforeValidator(_with_usual_stand_ins)]
+
+if TYPE_CHECKING:
+    Configuration: TypeAlias = Chain
+    SensorsByName: TypeAlias = Mapping[str, Sensor]
+else:
+    Configuration = Annotated[
+        str, AfterValidator(Chain.parse), PlainSerializer(lambda chain: chain.text, str)
+    ]
+    SensorsByName = Annotated[
+        StatedSensors,
+        AfterValidator(sensors_by_name),
+        PlainSerializer(lambda sensors: list(sensors.values()), list[Sensor]),
+    ]
+    """Stated and answered as a list."""
+
+_EXAMPLE = {
+    "id": "mcfv5050",
+    "name": "MCFV5050LN",
+    "configuration": "XYFZ",
+    "axes": {"x": {"min_mm": 0, "max_mm": 500}},
+    "sensors": [
+        {"name": "x-middle", "stand_in": "y-front"},
+        {"name": "y-front"},
+        {"name": "z-column"},
+    ],
+}
+
+
 @dataclass(frozen=True, slots=True)
-class Machine:
-    """A machine's description; immutable, checked when made.
+class Machine(Answer, published_as="MachineSettings", stated=True, example=_EXAMPLE):
+    """A machine's description as a user states it."""
 
-    Raises
-    ------
-    InvalidContent
-        If sensors share a name, a stand-in does not exist, or a range is empty.
-    """
-
-    id: str
-    name: str
-    chain: Chain
-    axes: Mapping[str, Travel] = field(default_factory=dict)
-    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    id: MachineId
+    """Short name used in URLs"""
+    name: Annotated[Name, Field(examples=["MCFV5050LN"])]
+    """Name for people"""
+    chain: Annotated[Configuration, Field(alias="configuration", examples=["XYFZ"])]
+    """Kinematic chain: axes before F move the workpiece, those after it the tool"""
+    axes: Annotated[
+        Mapping[str, Travel],
+        AfterValidator(_lower_case),
+        Field(examples=[{"x": {"min_mm": 0, "max_mm": 500}}]),
+    ] = field(default_factory=dict)
+    """Travel of each axis [mm]"""
+    sensors: Annotated[SensorsByName, Field(max_length=1000)] = field(default_factory=dict)
+    """The machine's temperature sensors"""
     out_of_range: OutOfRange = OutOfRange.CLAMP
-    extrapolation_margin_c: float = 5.0
-    extrapolation_error_ratio: float = 3.0
+    """What happens at temperatures outside the maps"""
+    extrapolation_margin_c: Margin = 5.0
+    """How far `extrapolate` may go beyond the maps [°C]"""
+    extrapolation_error_ratio: ErrorRatio = 3.0
+    """How many times as large as at the edge of the maps the standard error of an extrapolated
+    value may be; further out the value there is held"""
     same_temperature: SameTemperature = SameTemperature.REFUSE
-    serial_number: str | None = None
+    """What happens to maps closer in temperature than a sensor resolves"""
+    serial_number: Annotated[Name | None, Field(examples=["5050-1274"])] = None
+    """The manufacturer's, as on the type plate"""
 
     def __post_init__(self) -> None:
+        """Refuse, with InvalidContent, what contradicts itself, such as a range that is empty."""
         for axis, travel in self.axes.items():
             if axis not in self.chain.axes:
                 raise InvalidContent.of_field(
@@ -245,11 +344,5 @@ class Machine:
         return next(iter(self.sensors)) if len(self.sensors) == 1 else None
 
 
-def sensors_by_name(sensors: list[Sensor]) -> dict[str, Sensor]:
-    """Index sensors by name; two of one name are refused with InvalidContent."""
-    twice = [name for name, n in Counter(s.name for s in sensors).items() if n > 1]
-    if twice:
-        raise InvalidContent.of_field(
-            "sensors", f"expected each name once, got {list_names(twice)} more than once"
-        )
-    return {sensor.name: sensor for sensor in sensors}
+MACHINE: Final = TypeAdapter(Machine)
+"""Reads a machine as it is stated, and writes it so."""

@@ -106,7 +106,7 @@ def with_patterns(assignment: Mapping[str, str], present: Collection[str]) -> di
     """
     named = {code: sensor for code, sensor in assignment.items() if "*" not in code}
     by_pattern: dict[str, str] = {}
-    for pattern in assignment.keys() - named.keys():
+    for pattern in [code for code in assignment if code not in named]:
         fitting = [code for code in present if fnmatchcase(code, pattern)]
         if not fitting:
             maps_have = list_names(sorted(present, key=ORDER.__getitem__)) if present else "none"

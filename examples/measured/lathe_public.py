@@ -21,12 +21,12 @@ from typing import Any, Final
 import httpx
 import numpy as np
 
-from app.api.schemas.machines import settings_of
 from app.arrays import FloatArray, rms
 from app.identification.analysis.response_rows import response_rows
 from app.identification.campaign import residuals_of
 from app.main import create_app
 from app.settings import Settings
+from app.thermal.machine import MACHINE
 from examples.measured.black_boxes import black_boxes, left_of, print_left
 from examples.measured.lathe import MAPPED, Lathe, make_lathe
 from examples.measured.lathe_runs import DISPLACEMENTS, Run, read_runs
@@ -186,7 +186,7 @@ async def close_and_hold(
 async def _furnish(thermap: AsyncThermapClient, lathe: Lathe) -> None:
     """Store the machine, its maps, and which sensor each component follows."""
     machine = lathe.model.machine
-    await thermap.create_machine(settings_of(machine))
+    await thermap.create_machine(MACHINE.dump_python(machine, mode="json"))
     for error_map in lathe.maps:
         body = {
             "label": error_map.label,

@@ -274,7 +274,7 @@ async def test_an_effect_that_needs_a_state_that_readings_lack_waits(client, app
     await stored(client, [reading(START, 25.0)])
     made = adopt(app, SPEED, accept_losses=False)
     assert not made.is_active
-    (lost,) = made.difference.loses
+    (lost,) = made.change.loses
     assert lost.what == "completeness"
     assert "spindle_rpm" in lost.text
     await client.post(f"{ROOM}/models/3/activate")

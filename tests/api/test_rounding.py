@@ -11,12 +11,12 @@ import pytest
 from pydantic import TypeAdapter
 
 from app.api.methods.positioning import TargetAnswer
-from app.api.schemas.models import AdoptedEffectAnswer
-from app.api.schemas.predictions import PredictionAnswer
+from app.effects.adopted.described import AdoptedEffect, adopted_effect
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.term import Term
 from app.geometry.line_accuracy import LineAccuracy
+from app.services.predictions import Predictions
 from tests.service_examples import ROOM, START, error_map, iso, reading, temperatures
 
 on_sqlite = pytest.mark.parametrize("furnished_url", ["sqlite"], indirect=True)
@@ -92,8 +92,8 @@ def test_small_deviations_are_rounded_to_digits_and_never_to_nothing():
 def test_ratios_have_nine_digits_and_predictions_may_be_of_several_shapes():
     lines = TypeAdapter(LineAccuracy).dump_json(LineAccuracy(1 / 3, 5 / 9))
     assert json.loads(lines) == {"ELv_um": 0.3333, "ELSv_um": 0.5556, "ratio": 1.66666667}
-    kept = PredictionAnswer.model_construct(predicted_um=[1 / 3, [2 / 3, -1e-9], None])
-    assert json.loads(kept.model_dump_json())["predicted_um"] == [0.3333, [0.6667, 0.0], None]
+    kept = TypeAdapter(Predictions).dump_json(Predictions(1, [1 / 3, [2 / 3, -1e-9], None], []))
+    assert json.loads(kept)["predicted_um"] == [0.3333, [0.6667, 0.0], None]
 
 
 def figures(value):
@@ -143,6 +143,6 @@ def test_parameters_and_ranges_are_rounded_where_they_are_shown():
         standard_errors={"step_um": third / 10.0},
         terms=(Term("EXX", StepAfter(1772323200.1234567), coefficient=third),),
     )
-    shown = AdoptedEffectAnswer.of(effect).model_dump(mode="json")
+    shown = TypeAdapter(AdoptedEffect).dump_python(adopted_effect(effect), mode="json")
     assert shown["parameters"] == {"step_um": 0.333333333, "changed_at_unix_s": 1772323200.123}
     assert shown["standard_errors"] == {"step_um": 0.0333333333}

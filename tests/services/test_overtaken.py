@@ -11,10 +11,10 @@ from pathlib import Path
 
 import psycopg
 import pytest
+from pydantic import TypeAdapter
 from sqlalchemy import make_url, select
 
 from app import services
-from app.api.schemas.machines import MachineSettings
 from app.errors import StorageOvertaken, StorageUnavailable
 from app.services.change_model import changing_machine
 from app.services.context import TIMES, Context, repeated
@@ -23,6 +23,7 @@ from app.storage.database import Database
 from app.storage.limits import Limits
 from app.storage.machines import RowLock, find_machine
 from app.storage.tables import MachineRow
+from app.thermal.machine import Machine
 from tests.databases import reachable
 from tests.service_examples import (
     MACHINE,
@@ -211,7 +212,7 @@ def test_of_two_that_wait_for_each_other_one_begins_anew(postgresql_url, again):
 
 
 def _make_two_machines(context):
-    machine = MachineSettings.model_validate(MACHINE).to_machine()
+    machine = TypeAdapter(Machine).validate_python(MACHINE)
     for name in "ab":
         create_machine(context, replace(machine, id=name, name=name))
 

@@ -8,9 +8,9 @@ from datetime import timedelta
 
 import psycopg
 import pytest
+from pydantic import TypeAdapter
 from sqlalchemy import make_url
 
-from app.api.schemas.machines import MachineSettings
 from app.errors import InvalidContent, StorageBusy, StorageUnavailable
 from app.live.unseen_numbers import UnseenNumbers
 from app.services.context import Context
@@ -22,6 +22,7 @@ from app.storage.database import Database
 from app.storage.limits import Limits
 from app.storage.machines import find_machine, stored_machine, update_machine
 from app.storage.readings import list_readings
+from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from tests.service_examples import MACHINE, START
 
@@ -97,7 +98,7 @@ def test_a_machine_that_memory_has_not_followed_yet_is_judged_as_it_is(app):
 def two_machines(url, limits):
     """Make two machines, both in memory."""
     context = Context(Database(url, limits))
-    machine = MachineSettings.model_validate(MACHINE).to_machine()
+    machine = TypeAdapter(Machine).validate_python(MACHINE)
     for name in "ab":
         create_machine(context, replace(machine, id=name, name=name))
         store_readings(context, name, readings(0))

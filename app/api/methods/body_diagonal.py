@@ -8,12 +8,7 @@ from typing import Any, Final
 from pydantic import ConfigDict, Field
 
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    MeasuredPositions,
-    MeasurementAnswer,
-    MeasurementRequest,
-    Runs,
-)
+from app.api.methods.shapes import MeasuredPositions, MeasurementAnswer, Runs
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -37,7 +32,7 @@ from app.pages.wording import message
 from app.rounding import Micro
 from app.services.ask_field import Volume
 from app.services.context import Context
-from app.services.measurements import travel_volume
+from app.services.measurements import MeasurementRequest, travel_volume
 from app.stated import Schema
 from app.thermal.machine import Machine
 

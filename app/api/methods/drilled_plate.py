@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field
 
+from app.answer import fields_of
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    MeasurementAnswer,
-    MeasurementRequest,
-)
+from app.api.methods.shapes import MeasurementAnswer
+from app.arrays import FloatArray
 from app.errors import InvalidContent
 from app.files.csv_columns import (
     EXPANSION,
@@ -32,8 +30,9 @@ from app.files.delimited_text import DelimitedText
 from app.in_pieces import InPieces
 from app.measurement.drilled_plate import evaluate_drilled_plate
 from app.pages.wording import message
-from app.rounding import Digits, Micro
+from app.rounding import Micro, listed, to_digits_of
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest
 from app.stated import Millimetres, Number, Point, Schema
 from app.thermal.machine import Machine
 
@@ -84,13 +83,15 @@ class DrilledPlateAnswer(MeasurementAnswer):
     """Scale, squareness and axis errors, up to a rigid motion."""
 
     rotation_urad: Micro = Field(description="How the plate lay, about Z [µrad]")
-    shift_mm: list[Digits] = Field(description="Where its nominal zero lay [mm]")
-    scale_um_per_m: list[Micro] = Field(description="Scale of x and y [µm/m]")
-    scale_standard_errors_um_per_m: list[Digits | None] = Field(
-        description="Their standard errors [µm/m]"
+    shift_mm: Annotated[FloatArray, listed(1, write=to_digits_of)] = Field(
+        description="Where its nominal zero lay [mm]"
+    )
+    scale_um_per_m: Annotated[FloatArray, listed(1)] = Field(description="Scale of x and y [µm/m]")
+    scale_standard_errors_um_per_m: Annotated[FloatArray, listed(1, float | None, to_digits_of)] = (
+        Field(description="Their standard errors [µm/m]")
     )
     squareness_um_per_m: Micro = Field(description="SXY [µm/m]")
-    residuals_um: list[list[Micro]] = Field(
+    residuals_um: Annotated[FloatArray, listed(2)] = Field(
         description="What rigid motion, scale and squareness leave of each hole's x, y [µm]"
     )
     suspicious: list[int] = Field(
@@ -111,17 +112,7 @@ def _evaluate(_context: Context, _machine: Machine, body: DrilledPlateRequest) -
         )
     except InvalidContent as error:
         raise _of_holes(error) from None
-    errors = evaluated.scale_standard_errors_um_per_m.tolist()
-    fields = {
-        "rotation_urad": evaluated.rotation_urad,
-        "shift_mm": evaluated.shift_mm.tolist(),
-        "scale_um_per_m": evaluated.scale_um_per_m.tolist(),
-        "scale_standard_errors_um_per_m": [None if math.isnan(e) else e for e in errors],
-        "squareness_um_per_m": evaluated.squareness_um_per_m,
-        "residuals_um": evaluated.residuals_um.tolist(),
-        "suspicious": list(evaluated.suspicious),
-    }
-    return Evaluated(evaluated.result, fields)
+    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 def _of_holes(error: InvalidContent) -> InvalidContent:

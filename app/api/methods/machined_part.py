@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Literal, Self
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
+from app.answer import fields_of
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    MeasuredPositions,
-    MeasurementAnswer,
-    MeasurementRequest,
-    Runs,
-)
+from app.api.methods.shapes import MeasuredPositions, MeasurementAnswer, Runs
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -39,10 +36,11 @@ from app.geometry.components import parse_component
 from app.measurement.machined_part import Comparison, evaluate_machined_part
 from app.measurement.stated_runs import as_straightness
 from app.pages.wording import message
-from app.rounding import Digits, Micro
+from app.rounding import Micro
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest
 from app.services.predictions import predict_part
-from app.stated import Point, Schema
+from app.stated import Point
 from app.thermal.machine import Machine
 
 
@@ -79,35 +77,12 @@ class MachinedPartRequest(MeasurementRequest):
     )
 
 
-class ComparisonAnswer(Schema):
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ComparisonAnswer(Comparison):
     """What the part says against what the model says."""
 
-    predicted_um: list[Micro] = Field(description="The model's error at each position [µm]")
-    model_version: int = Field(description="Version of the model")
-    bias_um: Micro = Field(description="Mean of measured minus predicted [µm]")
-    slope_difference_um_per_m: Micro = Field(description="Slope of measured minus predicted [µm/m]")
-    rms_difference_um: Micro = Field(
-        description="Root mean square of measured minus predicted, as both came [µm]"
-    )
-    rms_without_line_um: Micro = Field(
-        description="The same without the reference line of both [µm]"
-    )
-    r: Digits | None = Field(description="Correlation of both without their lines")
-    confidence_95: list[Digits] | None = Field(description="Its 95 % confidence interval")
-
-    @classmethod
-    def of(cls, comparison: Comparison, predicted_um: list[float], model_version: int) -> Self:
-        """Show a comparison."""
-        return cls(
-            predicted_um=predicted_um,
-            model_version=model_version,
-            bias_um=comparison.bias_um,
-            slope_difference_um_per_m=comparison.slope_difference_um_per_m,
-            rms_difference_um=comparison.rms_difference_um,
-            rms_without_line_um=comparison.rms_without_line_um,
-            r=comparison.correlation,
-            confidence_95=None if comparison.interval is None else list(comparison.interval),
-        )
+    model_version: int
+    """Version of the model"""
 
 
 class MachinedPartAnswer(MeasurementAnswer):
@@ -154,8 +129,8 @@ def _evaluate(context: Context, machine: Machine, body: MachinedPartRequest) -> 
     }
     if predicted is None or evaluated.comparison is None:
         return Evaluated(evaluated.result, fields)
-    fields["comparison"] = ComparisonAnswer.of(
-        evaluated.comparison, predicted.predicted_um.tolist(), predicted.model_version
+    fields["comparison"] = ComparisonAnswer(
+        **fields_of(evaluated.comparison), model_version=predicted.model_version
     )
     return Evaluated(evaluated.result, fields, predicted.notes)
 

@@ -8,14 +8,14 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from app.api.methods.shapes import MeasurementAnswer, MeasurementRequest, answer_fields
+from app.api.methods.shapes import MeasurementAnswer, answer_fields
 from app.errors import InvalidContent
 from app.field_errors import field_error
 from app.files.csv_measurements import CsvMeasurement, read_csv_measurement
 from app.files.csv_measurements.formats import Format
 from app.measurement.result import MeasurementResult
 from app.services.context import Context
-from app.services.measurements import Storing, store_measurement
+from app.services.measurements import MeasurementRequest, Storing, store_measurement
 from app.thermal.machine import Machine
 
 
@@ -26,7 +26,7 @@ class Evaluated:
     Parameters
     ----------
     fields
-        Those that the method's answer has beyond what all have.
+        Those that the method's answer has beyond what all have, and others that it has not.
     notes
         Said after the result's own and those on its map.
     """
@@ -55,12 +55,11 @@ def store_as_map(
     InvalidContent, Conflict
         As `store_measurement`.
     """
-    measured = store_measurement(
-        context, machine, method.name, body.header(), evaluated.result, storing
-    )
+    measured = store_measurement(context, machine, method.name, body, evaluated.result, storing)
     fields = answer_fields(measured, body.label)
     fields["notes"] += evaluated.notes
-    return method.answer(**fields, **evaluated.fields)
+    own = method.answer.model_fields.keys() - MeasurementAnswer.model_fields.keys()
+    return method.answer(**fields, **{name: evaluated.fields[name] for name in own})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,13 +10,7 @@ from typing import Any, Final
 from pydantic import ConfigDict, Field
 
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    Axis,
-    MeasuredPositions,
-    MeasurementAnswer,
-    MeasurementRequest,
-    Runs,
-)
+from app.api.methods.shapes import Axis, MeasuredPositions, MeasurementAnswer, Runs
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -43,6 +37,7 @@ from app.measurement.positioning import Positioning, evaluate_positioning
 from app.pages.wording import message
 from app.rounding import Digits, Micro
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest
 from app.stated import Number, Schema
 from app.thermal.machine import Machine
 

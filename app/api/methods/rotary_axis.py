@@ -7,11 +7,10 @@ from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field
 
+from app.answer import fields_of
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    MeasurementAnswer,
-    MeasurementRequest,
-)
+from app.api.methods.shapes import MeasurementAnswer
+from app.arrays import FloatArray
 from app.files.csv_columns import (
     ANGLE,
     POSITION,
@@ -27,10 +26,11 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.in_pieces import InPieces
-from app.measurement.rotary_axis import measure_rotary_axis
+from app.measurement.rotary_axis import PathErrors, measure_rotary_axis
 from app.pages.wording import message
-from app.rounding import Digits, Micro
+from app.rounding import Digits, listed
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest
 from app.stated import Number, Point, Schema
 from app.thermal.machine import Machine
 
@@ -65,33 +65,17 @@ class RotaryAxisRequest(MeasurementRequest):
     pivot_mm: Point = Field((0.0, 0.0, 0.0), description="A point of the nominal axis [mm]")
 
 
-class PathErrorsAnswer(Schema):
-    """How far the ball was beside the spindle that follows it, point by point."""
-
-    before_um: list[list[Micro]] = Field(
-        description="Following the nominal axis: x, y, z, measured minus followed place [µm]"
-    )
-    after_position_um: list[list[Micro]] = Field(
-        description="Following an axis of nominal direction through the actual axis' place at the "
-        "ball: its two position errors compensated [µm]"
-    )
-    after_all_um: list[list[Micro]] = Field(
-        description="Following the axis that was found: all its errors compensated [µm]. At the "
-        "points that showed them; at others it may be more"
-    )
-
-
 class RotaryAxisAnswer(MeasurementAnswer):
     """The axis' location errors, with run-out in `figures`."""
 
-    residuals_um: list[list[Micro]] = Field(
+    residuals_um: Annotated[FloatArray, listed(2)] = Field(
         description="Measured minus fitted place of the ball: radial, tangential, axial [µm]"
     )
     noise_um: Digits | None = Field(
         description="Standard deviation of one coordinate, from the residuals or as stated [µm]"
     )
     degrees_of_freedom: int = Field(description="Of that noise")
-    path: PathErrorsAnswer = Field(
+    path: PathErrors = Field(
         description="The path errors before and after compensation; rms and largest length are in "
         "`figures` [µm]"
     )
@@ -105,17 +89,7 @@ def _evaluate(_context: Context, _machine: Machine, body: RotaryAxisRequest) -> 
         repeatability_um=body.repeatability_um,
         pivot_mm=body.pivot_mm,
     )
-    fields = {
-        "residuals_um": evaluated.residuals_um.tolist(),
-        "noise_um": evaluated.noise_um,
-        "degrees_of_freedom": evaluated.degrees_of_freedom,
-        "path": PathErrorsAnswer(
-            before_um=evaluated.path.before_um.tolist(),
-            after_position_um=evaluated.path.position_um.tolist(),
-            after_all_um=evaluated.path.all_um.tolist(),
-        ),
-    }
-    return Evaluated(evaluated.result, fields)
+    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 _ANGLE: Final = Named("angle", ANGLE)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from pydantic import Discriminator, Field, Tag
 
 from app.api.schemas.error_maps import ComponentAnswer, LineOrPoint, shown_line
-from app.api.schemas.model_change import ModelChange, change_fields
 from app.field_errors import way_of
 from app.rounding import Digits
+from app.services.change_model import ModelChange
 from app.services.models import Preview
-from app.stated import Millimetres, Name, Number, Schema, Temperatures, UtcTime
+from app.stated import Millimetres, Number
 
 if TYPE_CHECKING:
-    from app.services.measurements import MapHeader, Measured
+    from app.services.measurements import Measured
 
 Axis = Literal["x", "y", "z"]
 MOST_POSITIONS: Final = 2000
@@ -37,38 +37,6 @@ Runs = Annotated[
     Discriminator(_one_or_more),
 ]
 """One run, or a list of runs, over the positions."""
-
-Repeatability = Annotated[Number, Field(gt=0)]
-
-
-class MeasurementRequest(Schema):
-    """What makes an error map of a measurement; needed only where it is to be stored."""
-
-    label: Name | None = Field(None, description="The map's name", examples=["Run #1"])
-    measured_at: UtcTime | None = Field(
-        None, description="When it was measured, with a zone", examples=["2026-03-01T06:00:00Z"]
-    )
-    temperatures_c: Temperatures | None = Field(
-        None, description="Every sensor's temperature at that time [°C]"
-    )
-    instrument: Name | None = Field(None, description="What measured", examples=["laser vector"])
-    repeatability_um: Repeatability | None = Field(
-        None,
-        description="Standard deviation of one reading, where the readings do not show it [µm]",
-        examples=[0.3],
-    )
-
-    def header(self) -> MapHeader:
-        """Give what a map needs beside its components."""
-        from app.services.measurements import MapHeader
-
-        return MapHeader(
-            label=self.label,
-            measured_at=self.measured_at,
-            temperatures_c=self.temperatures_c,
-            instrument=self.instrument,
-            repeatability_um=self.repeatability_um,
-        )
 
 
 class MeasurementAnswer(ModelChange):
@@ -120,7 +88,7 @@ def answer_fields(measured: Measured, label: str | None) -> dict[str, Any]:
         "measuring_lines_mm": {a: shown_line(line) for a, line in result.measuring_lines.items()},
     }
     if stored is not None:
-        fields |= change_fields(measured.machine.id, stored.made)
+        fields |= dict(stored.made.change) if stored.made else {}
     if preview is not None:
         fields |= {name: getattr(preview, name) for name in ("activated", "loses", "gains")}
         fields["preview"] = preview

@@ -9,13 +9,7 @@ from typing import Any, Final, Literal
 from pydantic import ConfigDict, Field
 
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    Axis,
-    MeasuredPositions,
-    MeasurementRequest,
-    Repeatability,
-    Runs,
-)
+from app.api.methods.shapes import Axis, MeasuredPositions, Runs
 from app.errors import list_names
 from app.files.csv_columns import (
     LENGTH,
@@ -43,6 +37,7 @@ from app.geometry.components import LINEAR_LETTERS, ROTATION_LETTERS
 from app.measurement.six_dof import evaluate_six_dof
 from app.pages.wording import message
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest, Repeatability
 from app.stated import Point
 from app.thermal.machine import Machine
 

@@ -7,12 +7,11 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Field
 
+from app.answer import fields_of
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    MeasurementAnswer,
-    MeasurementRequest,
-)
+from app.api.methods.shapes import MeasurementAnswer
 from app.api.schemas.error_maps import ComponentSchema
+from app.arrays import FloatArray
 from app.errors import InvalidContent
 from app.files.csv_columns import (
     LENGTH,
@@ -36,8 +35,9 @@ from app.files.delimited_text import DelimitedText, Row
 from app.geometry.error_table import Table
 from app.measurement.step_diagonal import step_diagonal
 from app.pages.wording import message
-from app.rounding import Micro
+from app.rounding import listed
 from app.services.context import Context
+from app.services.measurements import MeasurementRequest
 from app.stated import Number, Point
 from app.thermal.machine import Machine
 
@@ -106,7 +106,7 @@ class StepDiagonalRequest(MeasurementRequest):
 class StepDiagonalAnswer(MeasurementAnswer):
     """Nine translations and three squareness errors."""
 
-    closure_um: list[list[Micro]] | None = Field(
+    closure_um: Annotated[FloatArray, listed(2)] | None = Field(
         description="For x, y, z and each interval: what the four diagonals contradict each "
         "other by, the measurement's own noise [µm]; null with three diagonals"
     )
@@ -126,10 +126,7 @@ def _evaluate(_context: Context, machine: Machine, body: StepDiagonalRequest) ->
         mirror_angle_urad=body.mirror_angle_urad,
         travel_mm={axis: (t.min_mm, t.max_mm) for axis, t in machine.axes.items()},
     )
-    closure = evaluated.closure_um
-    return Evaluated(
-        evaluated.result, {"closure_um": None if closure is None else closure.tolist()}
-    )
+    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 _AFTER: Final = tuple(Named(f"after_{axis}", LENGTH, (axis,)) for axis in "xyz")

@@ -10,12 +10,7 @@ from typing import Annotated, Any, Final, Self
 from pydantic import ConfigDict, Field
 
 from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import (
-    Axis,
-    MeasurementAnswer,
-    MeasurementRequest,
-    answer_fields,
-)
+from app.api.methods.shapes import Axis, MeasurementAnswer, answer_fields
 from app.api.schemas.error_maps import ComponentAnswer
 from app.decimal_text import read_number
 from app.errors import InvalidContent
@@ -41,7 +36,7 @@ from app.measurement.thermal_drift import ThermalDrift, evaluate_thermal_drift
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.rounding import Digits
 from app.services.context import Context
-from app.services.measurements import Storing
+from app.services.measurements import MeasurementRequest, Storing
 from app.services.thermal_drift import (
     DriftReading,
     KeptState,
@@ -50,7 +45,7 @@ from app.services.thermal_drift import (
     keep_drift,
     running_of,
 )
-from app.stated import MachineState, Millimetres, Number, Point, Schema, UtcTime
+from app.stated import Millimetres, Number, Point, Schema, UtcTime
 from app.thermal.machine import Machine
 from app.units import SECONDS_PER_MIN, read_time
 
@@ -58,10 +53,9 @@ MOST_READINGS: Final = 10_000
 """A week of a reading a minute."""
 
 
-class NestReading(Schema):
+class NestReading(DriftReading):
     """What the nest, the temperature sensors and the control said at one time."""
 
-    time: UtcTime = Field(description="When, with a zone", examples=["2026-03-01T06:00:00Z"])
     position_mm: Millimetres | None = Field(
         None, description="Where the moving axis stood [mm]; of the test linear-axis alone"
     )
@@ -75,13 +69,6 @@ class NestReading(Schema):
         None, description="Along X, read sensor_distance_mm further along Z than x_um [µm]"
     )
     y2_um: Number | None = Field(None, description="Along Y, as far from y_um [µm]")
-    temperatures_c: dict[str, Number] = Field(
-        default_factory=dict,
-        max_length=1000,
-        description="Temperatures by sensor at that time [°C]; leave a failed sensor out",
-        examples=[{"x-middle": 24.1, "z-column": 27.3}],
-    )
-    state: MachineState
 
 
 class ThermalDriftRequest(MeasurementRequest):
@@ -195,10 +182,6 @@ class ThermalDriftRequest(MeasurementRequest):
             )
         return [place for place in places if place is not None]
 
-    def recorded(self) -> list[DriftReading]:
-        """Give time, temperatures and state of each reading."""
-        return [DriftReading(r.time, r.temperatures_c, r.state) for r in self.readings]
-
     def states_s(self) -> list[float] | None:
         """Give the thermal states' times, in seconds since 1970-01-01 UTC."""
         first_s = self.readings[0].time.timestamp()
@@ -251,14 +234,13 @@ class _Drift(Evaluated):
 
 
 def _evaluate(_context: Context, machine: Machine, body: ThermalDriftRequest) -> _Drift:
-    recorded = body.recorded()
     running = None
     if body.test is not DriftTest.ENVIRONMENT or body.running_from or body.running_to:
-        running = running_of(recorded, body.running_from, body.running_to)
+        running = running_of(body.readings, body.running_from, body.running_to)
     drift = evaluate_thermal_drift(
         machine.chain,
         body.test,
-        [reading.time.timestamp() for reading in recorded],
+        [reading.time.timestamp() for reading in body.readings],
         body.displacements_um(),
         axis=body.axis,
         positions_mm=body.positions_mm(),
@@ -283,9 +265,7 @@ def _store(
 ) -> ThermalDriftAnswer:
     """Make a map of each state, all of them or none, and keep the course as a verification."""
     nest = Nest(body.point_mm, body.tool_offset_mm)
-    stored_drift = keep_drift(
-        context, machine, body.header(), evaluated.drift, nest, body.recorded(), storing
-    )
+    stored_drift = keep_drift(context, machine, body, evaluated.drift, nest, body.readings, storing)
     fields = answer_fields(stored_drift.measured, body.label)
     if body.measured_at is not None or body.temperatures_c:
         fields["notes"].append(

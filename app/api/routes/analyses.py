@@ -169,7 +169,7 @@ def post_adopt(
         onto_active=adoption.onto_active,
         accept_losses=accept_losses,
     )
-    return ChangedModelAnswer.of_made(machine, new_version)
+    return ChangedModelAnswer.of_made(new_version)
 
 
 @router.delete("/{analysis_id}", status_code=204, summary="Delete an analysis")

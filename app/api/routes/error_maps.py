@@ -17,7 +17,6 @@ from app.api.dependencies import (
 )
 from app.api.router import Router
 from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
-from app.api.schemas.model_change import change_fields
 from app.services.context import Context
 from app.services.error_maps import (
     preview_error_map,
@@ -119,6 +118,6 @@ def store_map(
     response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{outcome.stored.id}"
     warnings = [*notes, *outcome.remarks]
     # A map that costs nothing is answered as it is shown, now and later.
-    costs = outcome.made is not None and outcome.made.difference.loses
-    change = change_fields(machine, outcome.made) if costs else {}
+    made = outcome.made
+    change = dict(made.change) if made and made.change.loses else {}
     return ErrorMapAnswer.of(outcome.stored, outcome.in_active_model, warnings, change)

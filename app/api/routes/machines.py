@@ -9,7 +9,7 @@ from app.api.access import needs, sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
-from app.api.schemas.machines import MachineAnswer, MachinePatch, MachineSettings
+from app.api.schemas.machines import MachineAnswer, MachinePatch
 from app.services.machines import (
     change_machine,
     create_machine,
@@ -17,6 +17,7 @@ from app.services.machines import (
     show_machine,
     show_machines,
 )
+from app.thermal.machine import Machine
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
 
@@ -28,9 +29,9 @@ router = Router(route_class=BodyRoute, prefix="/v1/machines", tags=["machines"])
     responses={200: {"model": MachineAnswer, "description": "The machine, which is there already"}},
 )
 @needs(Role.ADMIN)
-def post_machine(context: ContextDep, body: MachineSettings, response: Response) -> MachineAnswer:
+def post_machine(context: ContextDep, body: Machine, response: Response) -> MachineAnswer:
     """Create a machine with its axes and sensors; the same again answers 200 with it."""
-    stored, is_new = create_machine(context, body.to_machine())
+    stored, is_new = create_machine(context, body)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = f"/v1/machines/{stored.machine.id}"
     return MachineAnswer.of(stored)

@@ -15,17 +15,15 @@ from app.api.dependencies import (
     VersionPath,
 )
 from app.api.router import Router
-from app.api.schemas.model_change import change_fields
 from app.api.schemas.models import (
     AssignmentSchema,
     ChangedModelAnswer,
-    CorrelationAnswer,
     ModelAnswer,
-    ModelCoverageAnswer,
     WaitingAssignmentAnswer,
 )
-from app.services.machines import show_coverage, show_model, show_models
+from app.services.machines import ModelCoverage, show_coverage, show_model, show_models
 from app.services.models import (
+    Correlated,
     Preview,
     activate_model,
     assign_sensors,
@@ -69,15 +67,14 @@ def put_assignment(
     if assigned.made is None or assigned.made.is_active:
         return assignment
     response.status_code = 202
-    change = change_fields(machine, assigned.made)
-    return WaitingAssignmentAnswer(assignment=assignment.root, **change)
+    return WaitingAssignmentAnswer(assignment=assignment.root, **dict(assigned.made.change))
 
 
 @router.post("/sensor-assignment/correlate", summary="Propose sensors by correlation")
 @needs(Role.VIEWER)
-def post_correlate(context: ContextDep, machine: MachinePath) -> CorrelationAnswer:
+def post_correlate(context: ContextDep, machine: MachinePath) -> Correlated:
     """Correlate each component's change over the maps with each sensor; nothing changes."""
-    return CorrelationAnswer.of(correlate_sensors(context, machine))
+    return correlate_sensors(context, machine)
 
 
 @router.get("/models", summary="List model versions")
@@ -94,11 +91,9 @@ def get_model(context: ContextDep, machine: MachinePath, version: VersionPath) -
 
 
 @router.get("/models/{version}/coverage", summary="Show what a model version covers")
-def get_coverage(
-    context: ContextDep, machine: MachinePath, version: VersionPath
-) -> ModelCoverageAnswer:
+def get_coverage(context: ContextDep, machine: MachinePath, version: VersionPath) -> ModelCoverage:
     """Show which components the tables of a version have, and why they lack others."""
-    return ModelCoverageAnswer.of(version, show_coverage(context, machine, version))
+    return show_coverage(context, machine, version)
 
 
 @router.post("/models/{version}/activate", summary="Activate a model version")
@@ -112,4 +107,4 @@ def post_activate(
     """
     if preview:
         return preview_model_activation(context, machine, version)
-    return ChangedModelAnswer.of_made(machine, activate_model(context, machine, version))
+    return ChangedModelAnswer.of_made(activate_model(context, machine, version))

@@ -7,8 +7,8 @@ from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
-from app.api.schemas.predictions import PredictionAnswer, PredictionRequest
-from app.services.predictions import predict_errors
+from app.api.schemas.predictions import PredictionRequest
+from app.services.predictions import Predictions, predict_errors
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
 
@@ -19,19 +19,12 @@ router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["l
 @needs(Role.VIEWER)
 def post_predictions(
     context: ContextDep, machine: MachinePath, body: PredictionRequest
-) -> PredictionAnswer:
+) -> Predictions:
     """Say what the model predicts, with the stored readings' temperatures at each time."""
-    predicted = predict_errors(
+    return predict_errors(
         context,
         machine,
         body.to_observations(),
         body.model_version,
         missing_as_zero=body.missing_components == "zero",
-    )
-    return PredictionAnswer(
-        model_version=predicted.model_version,
-        predicted_um=predicted.values,
-        status=predicted.status,
-        counted_as_zero=predicted.counted_as_zero,
-        warnings=predicted.warnings,
     )

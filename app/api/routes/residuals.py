@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, Final
 
 import orjson
@@ -21,19 +22,26 @@ from app.api.router import Router
 from app.api.schemas.residuals import (
     MOST_ROWS,
     ComparisonRequest,
-    ResidualsAnswer,
     ResidualsRequest,
 )
 from app.identification.analysis.residual_curves import residual_curves
+from app.identification.analysis.residual_report import ResidualFigures
 from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.rounding import to_digits_in
-from app.services.residuals import ModelComparison, ShownResiduals, compare_models, show_residuals
+from app.services.residuals import (
+    ModelComparison,
+    ResidualsAnswer,
+    ShownResiduals,
+    compare_models,
+    show_residuals,
+)
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["closing the loop"])
 
 Accept = Annotated[str, Header(description=f"`{JSON}`, `{CSV}` or `{HTML}`")]
 
 _COMPARISON: Final = TypeAdapter(ModelComparison)
+_RESIDUALS: Final = TypeAdapter(ResidualsAnswer)
 
 _FORMS: dict[int | str, dict[str, Any]] = {
     200: {
@@ -102,8 +110,15 @@ def _response(shown: ShownResiduals, rows: int, accept: str) -> Response:
         return Response(residuals_csv(shown), media_type=CSV, headers=headers)
     if form == HTML:
         return Page(_page(shown), scripts=2, headers=headers)
-    answer = ResidualsAnswer.of(shown, residual_rows(shown, rows))
-    written = to_digits_in(answer.model_dump(mode="json"), stored=("measured",))
+    report = shown.report
+    answer = ResidualsAnswer(
+        **{field.name: getattr(report, field.name) for field in fields(ResidualFigures)},
+        model_version=shown.model_version,
+        verifications=shown.verification_ids,
+        counted_as_zero=report.residuals.counted_as_zero,
+        rows=residual_rows(shown, rows),
+    )
+    written = to_digits_in(_RESIDUALS.dump_python(answer, mode="json"), stored=("measured",))
     return Response(orjson.dumps(written), media_type=JSON, headers=headers)
 
 

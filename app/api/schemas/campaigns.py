@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.machines import MachineSettings
-from app.api.schemas.readings import ReadingSchema
+from app.api.schemas.readings import StatedReading
 from app.api.schemas.verifications import VerificationRequest
 from app.effects.observations import Verification
 from app.identification.campaign import Campaign
 from app.thermal.compile_model import compile_model
+from app.thermal.machine import MACHINE
 from app.thermal.temperature_history import TemperatureHistory
 
 Body: TypeAlias = Mapping[str, Any]
@@ -24,9 +24,9 @@ def campaign_of_bodies(
     verification_bodies: Sequence[Body],
 ) -> Campaign:
     """Read bodies of HTTP requests."""
-    machine = MachineSettings.model_validate(machine_body).to_machine()
+    machine = MACHINE.validate_python(machine_body)
     maps = [ErrorMapSchema.model_validate(body).to_error_map() for body in map_bodies]
-    read = [ReadingSchema.model_validate(body).to_reading() for body in readings]
+    read = [StatedReading.model_validate(body).to_reading() for body in readings]
     return Campaign(
         model=compile_model(machine, maps, {}),
         maps=maps,

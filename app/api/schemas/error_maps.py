@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from app.api.schemas.model_change import ModelChange
 from app.api.schemas.uncertainty import (
     Covariance,
     StandardError,
@@ -22,6 +21,7 @@ from app.field_errors import way_of
 from app.geometry.components import Component, parse_component
 from app.geometry.measuring_line import MeasuringLine
 from app.rounding import rounded, to_digits_in, to_digits_of
+from app.services.change_model import ModelChange
 from app.services.models import Preview
 from app.stated import (
     Name,
@@ -325,7 +325,7 @@ class ErrorMapAnswer(ErrorMapSchema, ModelChange):
         warnings: Sequence[str] = (),
         change: Mapping[str, Any] | None = None,
     ) -> Self:
-        """Show a stored map, and the version that was made with it (`change_fields`)."""
+        """Show a stored map, and the version that was made with it (fields of `ModelChange`)."""
         error_map = stored.error_map
         return cls(
             id=stored.id,

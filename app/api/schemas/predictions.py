@@ -9,7 +9,6 @@ from pydantic import ConfigDict, Field
 from app.errors import InvalidContent, UnknownComponent, list_names
 from app.geometry.components import LINEAR_LETTERS, Component, parse_component
 from app.in_pieces import InPieces
-from app.rounding import Micro
 from app.stated import (
     Direction,
     Integer,
@@ -124,29 +123,3 @@ class PredictionRequest(Schema):
             except InvalidContent as error:
                 raise error.inside(f"observations.{i}") from None
         return questions
-
-
-class PredictionAnswer(Schema):
-    """What the model says."""
-
-    model_version: int = Field(description="Version that was asked")
-    predicted_um: list[Micro | list[Micro] | None] = Field(
-        description=(
-            "For each observation its error [µm; angular errors µrad, squareness µm/m], three "
-            "numbers x, y, z for a point, null where its status says why there is none"
-        )
-    )
-    status: list[str] = Field(
-        description=(
-            "For each observation `interpolated`, `at-map`, `clamped`, `extrapolated`, "
-            "`stand-in`, or `no-reading`, `outside-maps`; `effects-only` where no two maps have "
-            "the component; `held` where an adopted effect lies outside where it was learnt and "
-            "is held at the edge of that; `effect-missing` where one lacks what drives it and is "
-            "not in the value (the warnings say which and why)"
-        )
-    )
-    counted_as_zero: list[str] = Field(
-        description="Components that points need, that no two maps have and that count as zero",
-        examples=[["ECZ"]],
-    )
-    warnings: list[str] = Field(description="What is not as it should be, in sentences")

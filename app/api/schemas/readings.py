@@ -40,20 +40,6 @@ _ReadingTime = Annotated[
 ]
 
 
-class ReadingSchema(Schema):
-    """Live temperatures and the machine's state at one time."""
-
-    time: _ReadingTime
-    temperatures_c: Temperatures = Field(
-        description="Temperatures by sensor [°C]; leave a failed sensor out", min_length=1
-    )
-    state: MachineState
-
-    def to_reading(self) -> Reading:
-        """Make the reading."""
-        return Reading(self.time, self.temperatures_c, self.state)
-
-
 class StatedReading(Schema):
     """A reading as it is sent: of a sensor that has no value it says so, or nothing."""
 

@@ -74,22 +74,20 @@ class Size(Answer, published_as="SizeAnswer"):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ResidualFigures:
-    """What is said of residuals in figures.
-
-    Parameters
-    ----------
-    overall
-        All lengths together; None where no value is one.
-    contradiction
-        What is said of a stated repeatability that nearly all lengths contradict; None: nothing.
-    """
+class ResidualFigures(Answer):
+    """What is said of residuals in figures."""
 
     overall: Size | None
+    """All lengths; null where nothing is one"""
     components: Sequence[Size]
-    summaries: Sequence[Summary]
-    excluded: Sequence[LeftOut]
+    """Each component in its own unit"""
     contradiction: str | None = None
+    """What is said of a stated repeatability that nearly all lengths contradict, as in an analysis:
+    the figures rest on what they show; null where nothing is contradicted"""
+    summaries: Sequence[Summary]
+    """Components, and lengths along everything that they may depend on"""
+    excluded: Sequence[LeftOut]
+    """What cannot be compared with the model"""
 
     @property
     def count(self) -> int:
