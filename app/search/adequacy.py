@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import chdtrc, fdtrc
 
 from app.arrays import BoolArray
 from app.search.draws import Draws
@@ -24,7 +24,7 @@ from app.search.rows import DeclaredNoise
 from app.search.scan import Scan
 from app.search.scatter import FEWEST_BLOCKS
 from app.search.selection import Selector
-from app.search.threshold import threshold, upper_tail
+from app.search.threshold import threshold
 
 TESTS: Final = 4
 """So many tests share the false-alarm probability."""
@@ -133,7 +133,7 @@ def _far_off(selector: Selector, terms: Sequence[Term], level: float) -> list[Un
             ]
         )
         ratio = 2.0 * float(null.max() - null[usual].max())
-        if 0.5 * upper_tail(ratio, 2.0) * len(few) < level:
+        if 0.5 * float(chdtrc(2.0, ratio)) * len(few) < level:
             unexplained.append(Unexplained(FAR_OFF, c, None))
     return unexplained
 

@@ -204,6 +204,11 @@ class Candidate(Traits):
                 f"{self.key}.bounds", "expected values above 0 on a logarithmic scale"
             )
 
+    @classmethod
+    def of_parts(cls, key: str, family: str, parts: Sequence[Part], **traits: Any) -> Candidate:
+        """Make one without a nonlinear parameter, of parts that are laid out already."""
+        return cls(key, family, lambda _: parts, **traits)
+
     @property
     def thetas(self) -> tuple[float | None, ...]:
         """The values that are scanned; a lone None without a nonlinear parameter."""

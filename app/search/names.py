@@ -7,7 +7,6 @@ so that this test sees what the generic one, over all smooth shapes there are, c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -251,8 +250,4 @@ def _over_all_rows(parts: Sequence[Part], count: int) -> FloatArray:
 
 
 def _candidate(key: str, parts: Sequence[Part]) -> Candidate:
-    return Candidate(key, "flexible", partial(_parts, parts), generic=True, within_visit=True)
-
-
-def _parts(parts: Sequence[Part], _: float | None) -> Sequence[Part]:
-    return parts
+    return Candidate.of_parts(key, "flexible", parts, generic=True, within_visit=True)

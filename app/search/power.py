@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, ndtr
+from scipy.special import chdtri, ndtr, softmax
 
 from app.arrays import FloatArray, IntArray
 from app.search.base_grams import NOTHING_SEEN, BaseGrams
@@ -118,8 +118,7 @@ class DrawnNoise:
             On average over the draws; their sum over the sets is 1.
         """
         log = self.state.log_likelihoods(self.squares[:, None] + added)
-        weights = np.exp(log - log.max(axis=0))
-        mean: FloatArray = (weights / weights.sum(axis=0)).mean(axis=2)
+        mean: FloatArray = softmax(log, axis=0).mean(axis=2)
         return mean
 
     def ratio_of_noise(self, shares: FloatArray) -> FloatArray | None:

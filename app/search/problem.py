@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from app.arrays import BoolArray, FloatArray, IntArray
 from app.errors import InvalidContent
@@ -253,9 +254,7 @@ def with_expected_wander(problem: Problem) -> Problem:
     believed: dict[int, FloatArray] = {}
     for number, fixed_ in fixed.items():
         if fixed_.channel.blocks.may_wander:
-            null = State(fixed_, everything).null
-            weights = np.exp(null - null.max())
-            believed[number] = weights / weights.sum()
+            believed[number] = softmax(State(fixed_, everything).null)
     informed_fixed = dict(fixed)
     for number, belief in believed.items():
         others = [b for n, b in believed.items() if n != number and len(b) == len(belief)]

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtrc
 
 from app.arrays import BoolArray, FloatArray
 from app.search.base_grams import BaseGrams
@@ -26,7 +26,7 @@ from app.search.refinement import refine
 from app.search.same_course import second_late, taken_back
 from app.search.scan import Scan, scan
 from app.search.state import Given, State
-from app.search.threshold import Threshold, threshold, upper_tail
+from app.search.threshold import Threshold, threshold
 
 WORTH_A_SWAP: Final = 2.0
 """Twice the log evidence that a rival must be better by to take a term's place."""
@@ -287,16 +287,14 @@ class Selector:
         before, alone, both = (self.fit(t) for t in (beside, [*others, term], [*beside, term]))
         is_same = alone.amplitudes[-term.size :] @ both.amplitudes[-term.size :] > 0.0
         rise = 2.0 * (both.log_likelihood - before.log_likelihood)
-        return bool(is_same and 0.5 * upper_tail(rise, term.size) < CHANCE_COURSE)
+        return bool(is_same and 0.5 * chdtrc(term.size, rise) < CHANCE_COURSE)
 
     def _constants(self, term: Term) -> list[Term]:
         """Make a constant for each channel in which a term acts."""
         problem = self.library.problem
         rows = {c: problem.fixed[c].channel.rows for c in term.channels}
         parts = [Part(c, row, np.ones((len(row), 1))) for c, row in rows.items()]
-        return [
-            problem.term(Candidate(OFFSET, OFFSET, partial(_columns, part)), None) for part in parts
-        ]
+        return [problem.term(Candidate.of_parts(OFFSET, OFFSET, [part]), None) for part in parts]
 
     def beside(self, others: Sequence[Term]) -> BoolArray:
         """Say which entries may be chosen beside others, shape (entries,)."""
@@ -413,10 +411,6 @@ class Selector:
         touched = correlation[:, np.isin(of_term, moved)].max(axis=1) > NEAR
         near = np.unique(of_term[touched])
         return [i for i in near.tolist() if i < len(terms) - 1 or i not in moved]
-
-
-def _columns(part: Part, _: float | None) -> list[Part]:
-    return [part]
 
 
 def _new(terms: Sequence[Term]) -> int:

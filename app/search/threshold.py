@@ -243,15 +243,6 @@ def surprise(ratio: FloatArray, freedom: FloatArray) -> FloatArray:
     return np.where(freedom > 0, np.maximum(surprises, 0.0), 0.0)
 
 
-def upper_tail(ratio: float, freedom: float) -> float:
-    """Give the probability that χ² exceeds a value.
-
-    >>> round(upper_tail(3.841459, 1), 4)
-    0.05
-    """
-    return float(gammaincc(freedom / 2.0, max(ratio, 0.0) / 2.0))
-
-
 def _bartlett(scanned: Scan, groups: np.ndarray) -> FloatArray:
     count = np.maximum(np.bincount(groups, weights=(scanned.rank > 0) * 1.0), 1.0)
     relative = scanned.noise.mean(axis=1) / np.maximum(scanned.rank, 1.0)

@@ -13,7 +13,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, softmax
 
 from app.arrays import FloatArray, IntArray
 from app.search.levels import Fits, expected_beside, fitted
@@ -54,7 +54,7 @@ def walk_seen(residuals: FloatArray, visit: IntArray) -> FloatArray | None:
     levels = _levels(residuals, np.zeros(len(residuals)), visit)
     if len(levels) < FEWEST_SETUPS:
         return None
-    return _probable(_fits(levels, np.ones((len(levels), 1))).restricted)
+    return softmax(_fits(levels, np.ones((len(levels), 1))).restricted)
 
 
 def may_be_walk(
@@ -102,15 +102,9 @@ def may_be_walk(
     if len(levels) < FEWEST_SETUPS or np.ptp(levels[:, 1]) <= 0.0:
         return None
     fits = _fits(levels, np.column_stack([levels[:, 1], np.ones(len(levels))]))
-    weights = _probable(fits.restricted + np.log(expected_beside(others, AS_LIKELY_NONE)))
+    weights = softmax(fits.restricted + np.log(expected_beside(others, AS_LIKELY_NONE)))
     surely = fits.sizes[:, 0] / np.sqrt(fits.covariance[:, 0, 0])
     return float(weights @ ndtr(-surely)) > CHANCE
-
-
-def _probable(log: FloatArray) -> FloatArray:
-    weights = np.exp(log - log.max())
-    probability: FloatArray = weights / weights.sum()
-    return probability
 
 
 def _fits(levels: FloatArray, design: FloatArray) -> Fits:

@@ -7,7 +7,6 @@ which quantity a person should look at it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -41,10 +40,10 @@ def generic_candidates(view: CampaignView) -> list[Candidate]:
             continue
         for words, columns in _shapes(view, rows, channel in POINT_CHANNELS):
             candidates.append(
-                Candidate(
-                    key=f"{channel}: {words}",
-                    family="generic",
-                    columns=partial(_part, number, rows, columns),
+                Candidate.of_parts(
+                    f"{channel}: {words}",
+                    "generic",
+                    [Part(number, rows, columns)],
                     generic=True,
                     within_visit=True,
                 )
@@ -59,10 +58,6 @@ def words_of(key: str) -> str:
     'the rate of z-column'
     """
     return key.partition(": ")[2]
-
-
-def _part(number: int, rows: IntArray, columns: FloatArray, _: float | None) -> list[Part]:
-    return [Part(number, rows, columns)]
 
 
 def _shapes(
