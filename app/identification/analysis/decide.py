@@ -322,23 +322,17 @@ def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) ->
             yield World(0.0, OF_EITHER)
         if WALKS in term.doubts:
             yield World(0.0, OF_A_WALK)
-        # What only differs in shape from what was found, is of the same cause as it.
-        if finished.is_unexplained_at(term.channels, besides=FLEXIBLE):
-            yield World(0.0, BESIDE_WHAT_NOBODY_KNOWS)
     if ALIKE in term.doubts:
         yield World(0.0, OF_ALIKE_SET_UPS)
-    if kind.constant:
-        if any(WALKS in other.doubts for other in finished.findings.terms if other is not term):
-            yield World(0.0, BESIDE_A_WALK)
-        if is_of_one_hour(finished, effect, term):
-            yield World(0.0, OF_ONE_HOUR)
+    if kind.constant and is_of_one_hour(finished, effect, term):
+        yield World(0.0, OF_ONE_HOUR)
     unseen = World(1.0 - finished.hidden_share(effect), BY_ITS_NAME_ALONE)
     if unseen.change > 0.0 and not finished.is_name_sure(effect, term):
         yield unseen
     if _is_of_a_short_time(effect) and not finished.is_name_sure(effect, term):
         yield World(0.0, OF_A_SHORT_TIME)
-    if words := _beside_a_mistake(finished, effects, number):
-        yield World(0.0, words)
+    # Of several such causes the largest alone: each may have made the whole of the effect.
+    yield from sorted(_beside_causes(finished, effects, number), key=lambda w: w.share)[:1]
 
 
 def _is_of_a_short_time(effect: Effect) -> bool:
@@ -415,24 +409,45 @@ def _share_shown(
     return share, float(np.sqrt(max(variance, between))) / size
 
 
-def _beside_a_mistake(finished: FinishedSearch, effects: Sequence[Effect], number: int) -> str:
-    """Say which mistake may have made an effect, and is to be corrected first; empty for none.
+def _beside_causes(
+    finished: FinishedSearch, effects: Sequence[Effect], number: int
+) -> Iterator[World]:
+    """List what was found beside an effect and may have made it, or a part of it.
 
-    What a mistake leaves in the rows is known only as far as the mistake is; the rest of it
-    moves with temperatures too, and would be adopted by another name. Beside a mistake of which
-    nobody is sure, only what is no surer waits: it may be either of the two.
+    What a mistake leaves in the rows is known only as far as the mistake is; the rest of it would
+    be adopted by another name. But the rest is no larger than the whole: of an effect c beside a
+    mistake m, c − m at least is its own, and by Cauchy and Schwarz the share 1 − |m|/|c| of c is
+    needed later.
     """
     terms, effect = finished.findings.terms, effects[number]
-    is_sure = finished.is_name_sure(effect, terms[number])
-    for other, term in zip(effects, terms, strict=True):
-        kind = kind_of(other.kind)
-        if spoilt := kind.spoils.get(effect.kind):
-            return spoilt
-        if kind_of(effect.kind).not_adopted or (is_sure and not finished.is_name_sure(other, term)):
-            continue
-        if shakes(other, effect, set(term.channels) & set(terms[number].channels)):
-            return f"{BESIDE_A_MISTAKE}: {kind.text}"
-    return ""
+    term, kind = terms[number], kind_of(effect.kind)
+    contribution = finished.explained(effect)
+    acts = finished.acts(contribution, term.channels)
+    is_sure = finished.is_name_sure(effect, term)
+
+    def world(made: float, words: str) -> World:
+        size = finished.size(contribution, acts) if acts.any() else 0.0
+        return World(max(1.0 - made / size, 0.0) if size > 0.0 else 0.0, words)
+
+    for other, its_term in zip(effects, terms, strict=True):
+        words = kind_of(other.kind).spoils.get(effect.kind, "")
+        if kind.constant and other is not effect and WALKS in its_term.doubts:
+            words = words or BESIDE_A_WALK
+        # Beside a mistake of which nobody is sure, only what is no surer waits.
+        waits = not kind.not_adopted and (not is_sure or finished.is_name_sure(other, its_term))
+        if waits and shakes(other, effect, {*its_term.channels} & {*term.channels}):
+            words = words or f"{BESIDE_A_MISTAKE}: {kind_of(other.kind).text}"
+        if words:
+            left = finished.explained(other)
+            its_rows = finished.acts(left, its_term.channels)
+            # What it leaves elsewhere alone, it may leave here too.
+            rows = its_rows & acts if (its_rows & acts).any() else its_rows
+            yield world(finished.size(left, rows) if rows.any() else np.inf, words)
+    # What only differs in shape from what was found, is of the same cause as it.
+    if kind.may_be_instruments(effect) and finished.is_unexplained_at(
+        term.channels, besides=FLEXIBLE
+    ):
+        yield world(finished.largest_unexplained(term.channels), BESIDE_WHAT_NOBODY_KNOWS)
 
 
 def shakes(mistake: Effect, effect: Effect, shared: Collection[int]) -> bool:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.adopted.learnt_ranges import growths, limited_in_time, with_ranges
 from app.effects.claim import claim_of
 from app.effects.driver import SinceReference, StepAfter
@@ -96,6 +96,29 @@ class FinishedSearch:
         for channel in self.findings.noise:
             scatters[self.rows.channel == channel] = self.scatter(channel)
         return scatters
+
+    def acts(self, contribution: FloatArray, channels: Collection[int]) -> BoolArray:
+        """Say in which rows of some channels a contribution is anything, shape (n,)."""
+        acts: BoolArray = np.isin(self.rows.channel, list(channels)) & (contribution != 0.0)
+        return acts & self.use
+
+    def size(self, contribution: FloatArray, chosen: BoolArray) -> float:
+        """Give the root mean square of a contribution to some rows, in scatters of the rows."""
+        return rms(contribution[chosen] / np.hypot(*self.scatters[chosen].T))
+
+    def largest_unexplained(self, channels: Collection[int]) -> float:
+        """Give the size of what all effects leave of that set-up of which they leave most.
+
+        In scatters of the rows, and beyond what single observations scatter by.
+        """
+        chosen = self.use & np.isin(self.rows.channel, list(channels))
+        explained = sum((self.explained(e) for e in self.effects()), np.zeros(len(self.use)))
+        residuals = self.from_zero(self.rows.values - explained, chosen)
+        noise, shift = self.scatters[chosen].T
+        squares = (residuals**2 - noise**2) / (noise**2 + shift**2)
+        _, group = np.unique(self.set_up[chosen], return_inverse=True)
+        means = np.bincount(group, weights=squares) / np.bincount(group)
+        return float(np.sqrt(np.max(means, initial=0.0)))
 
     def from_zero(self, values: FloatArray, chosen: BoolArray) -> FloatArray:
         """Give values of m chosen rows without the zeros that nobody knows, shape (m,).
