@@ -19,7 +19,7 @@ from app.identification.doubted_sensors import trusted_readings
 from app.identification.residuals.inexact_sensors import error_columns, inexact_sensors
 from app.identification.residuals.map_uncertainty import map_uncertainty
 from app.identification.residuals.residuals import Residuals
-from app.search.common_scatter import FEWEST_CHANNELS, screen_at_common_scatter
+from app.search.common_scatter import screen_at_common_scatter
 from app.search.noise import COMMON
 from app.search.rows import DeclaredNoise, Rows
 from app.units import Unit
@@ -82,10 +82,7 @@ class ObservedScatter:
 def observed_scatter(campaign: Campaign, residuals: Residuals) -> ObservedScatter:
     """Decide what one observation scatters by, as an analysis of the same campaign does."""
     declared = residuals.as_rows().noise
-    if (
-        sum(channel_noise.repeatability is not None for channel_noise in declared.values())
-        < FEWEST_CHANNELS
-    ):
+    if all(channel_noise.repeatability is None for channel_noise in declared.values()):
         return ObservedScatter(declared, None)
     trusted = trusted_readings(campaign.model, campaign.readings)
     inexact = inexact_sensors(campaign.model.machine, trusted)

@@ -21,6 +21,7 @@ from app.search.noise import (
     COMMON,
     DENIED,
     ENOUGH_REPLICATES,
+    is_denied,
     pure_error,
     repeatability,
     shows_scatter,
@@ -30,7 +31,7 @@ from app.search.screening import Screened, Within, screen
 from app.search.state import State
 
 FEWEST_CHANNELS: Final = 5
-"""Fewer may all be moved by one unknown cause, as points are."""
+"""Fewer may all be moved by one unknown cause, as points are; none makes them scatter less."""
 
 FEWEST_LEFT: Final = 4.0
 """Degrees of freedom below which a channel, or a visit, says nothing of its scatter."""
@@ -100,8 +101,6 @@ def with_common_scatter(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray
     """
     declared = [c for c in rows.noise if repeatability(rows, c, use).origin == "declared"]
     declared = [c for c in declared if shows_scatter(rows, c, use)]
-    if len(declared) < FEWEST_CHANNELS:
-        return rows
     first = [_channel_scatter(rows, nuisance, c, use, rounds=1) for c in declared]
     side = _side(first, LEANING)
     if side == 0 or _repeats_agree(rows, declared, use, side):
@@ -110,12 +109,16 @@ def with_common_scatter(rows: Rows, nuisance: Sequence[Nuisance], use: BoolArray
     if _side(scatters, DENIED) != side:
         return rows
     factor, alike = _common(scatters)
-    is_denied = factor**side >= DENIED
-    if not (is_denied and _is_in_all_visits(rows, alike, side) and _is_white(rows, alike)):
+    freedom = int(sum(channel.freedom.sum() for channel in alike))
+    if not (
+        is_denied(1.0, factor**2, freedom, side)
+        and _is_in_all_visits(rows, alike, side)
+        and _is_white(rows, alike)
+    ):
         return rows
     noise = dict(rows.noise)
     for c in declared:
-        value = factor * (noise[c].repeatability or 0.0)
+        value = max(factor * (noise[c].repeatability or 0.0), noise[c].rounding)
         noise[c] = replace(noise[c], repeatability=value, origin=COMMON)
     return replace(rows, noise=noise)
 
@@ -161,14 +164,12 @@ def side_of(ratios: FloatArray, freedom: FloatArray, margin: float = DENIED) -> 
 
 
 def _side(scatters: Sequence[_ChannelScatter], margin: float) -> int:
-    ratios, freedom = (
-        np.array(of_each)
-        for of_each in (
-            [channel.ratio for channel in scatters],
-            [channel.freedom.sum() for channel in scatters],
-        )
-    )
-    return side_of(ratios, freedom, margin)
+    """Say so of channels; that they scatter by less, of few too."""
+    freedom = np.array([channel.freedom.sum() for channel in scatters])
+    ratios = np.array([channel.ratio for channel in scatters])
+    enough = freedom >= FEWEST_LEFT
+    side = _side_of(ratios[enough], freedom[enough], margin) if enough.any() else 0
+    return side if side < 0 else side_of(ratios, freedom, margin)
 
 
 def _side_of(ratios: FloatArray, freedom: FloatArray, margin: float) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtr, chdtrc
 
 from app.arrays import BoolArray, FloatArray, IntArray, rms, robust_sd
 from app.search.priors import DECLARED_WEIGHT, ESTIMATED_WEIGHT, POOLED_WEIGHT
@@ -64,7 +64,7 @@ def repeatability(rows: Rows, channel: int, use: BoolArray) -> Repeatability:
     noise = rows.noise.get(channel, DeclaredNoise())
     declared = noise.repeatability
     variance, freedom = pure_error(rows, channel, use)
-    if declared is not None and not _is_denied(declared, variance, freedom):
+    if declared is not None and not is_denied(declared, variance, freedom):
         return Repeatability(declared, noise.origin, DECLARED_WEIGHT)
     if freedom >= ENOUGH_REPLICATES and variance > 0:
         pooled_scatter = _pooled_with_alike(rows, channel, use, variance, freedom)
@@ -83,11 +83,12 @@ def at_least_rounding(rows: Rows, channel: int, estimate: Repeatability) -> Repe
     )
 
 
-def _is_denied(declared: float, variance: float, freedom: int) -> bool:
-    """Whether replicates scatter by more than what is declared, by a margin and surely."""
-    if freedom < ENOUGH_REPLICATES or variance <= (DENIED * declared) ** 2:
+def is_denied(declared: float, variance: float, freedom: int, side: int = 1) -> bool:
+    """Whether a variance is more (side 1) or less (−1) than is declared, by a margin and surely."""
+    if freedom < ENOUGH_REPLICATES or variance**side <= (DENIED**side * declared) ** (2 * side):
         return False
-    return float(chdtrc(freedom, variance * freedom / declared**2)) < DENIED_BY_CHANCE
+    chance = chdtrc if side > 0 else chdtr
+    return float(chance(freedom, variance * freedom / declared**2)) < DENIED_BY_CHANCE
 
 
 def _pooled_with_alike(

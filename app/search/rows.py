@@ -38,8 +38,8 @@ class DeclaredNoise:
         Standard deviation of one observation within a visit; without it, it is taken
         from replicates or from the residuals.
     rounding
-        Standard deviation of the steps in which the instrument reads: where no repeatability is
-        stated, an observation scatters by no less. One that is stated contains it.
+        Standard deviation of the steps in which the instrument reads: an observation scatters by no
+        less, whatever it seems to. A repeatability that is stated contains it.
     origin
         Where the repeatability comes from.
     """

@@ -12,11 +12,11 @@ from app.search.rows import Datum, DeclaredNoise, Rows
 CHANNELS, VISITS, EACH = 10, 12, 8
 
 
-def measured(stated, *, channels=CHANNELS, seed=1, shift=0.5):
+def measured(stated, *, channels=CHANNELS, visits=VISITS, seed=1, shift=0.5):
     """Channels that scatter by 1 within visits, each with a shift of its own in each."""
     random = np.random.default_rng(seed)
-    channel, visit, _ = (it.ravel() for it in np.indices((channels, VISITS, EACH), dtype=np.intp))
-    shifts = shift * random.standard_normal((channels, VISITS))
+    channel, visit, _ = (it.ravel() for it in np.indices((channels, visits, EACH), dtype=np.intp))
+    shifts = shift * random.standard_normal((channels, visits))
     return Rows(
         values=random.standard_normal(channel.size) + shifts[channel, visit],
         visit=visit,
@@ -93,6 +93,23 @@ def test_what_has_a_course_is_no_repeatability(over):
 def test_few_channels_may_be_moved_by_one_cause():
     assert used(measured(1 / 3, channels=5)) == pytest.approx(1.0, abs=0.1)
     assert used(measured(1 / 3, channels=4)) is None
+
+
+@pytest.mark.parametrize("channels", [1, 2, 4])
+def test_nothing_that_moves_few_channels_makes_them_scatter_less(channels):
+    assert used(measured(4.0, channels=channels)) == pytest.approx(1.0, abs=0.15)
+    assert used(measured(1.25, channels=channels)) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_few_rows_that_scatter_less_by_chance_deny_nothing(seed):
+    assert used(measured(1.0, channels=1, visits=2, seed=seed)) is None
+
+
+def test_what_is_read_in_coarse_steps_scatters_by_these():
+    rows = measured(4.0, channels=2)
+    noise = dict.fromkeys(range(2), DeclaredNoise(repeatability=4.0, rounding=1.5))
+    assert used(replace(rows, noise=noise)) == 1.5
 
 
 @pytest.mark.parametrize("stated", [1 / 3, 3.0])

@@ -390,7 +390,7 @@ def _declared(rows: ObservationRows) -> Mapping[int, DeclaredNoise]:
         rounded = common[unit] or rounding(rows.measured[of_channel])
         if unit is Unit.UM and declared_um and len(declared_um) == len(repeatabilities):
             scatter = float(np.hypot(rms(np.array(declared_um)), rounded))
-            declared[number] = DeclaredNoise(repeatability=scatter)
+            declared[number] = DeclaredNoise(repeatability=scatter, rounding=rounded)
         elif rounded:
             declared[number] = DeclaredNoise(rounding=rounded)
     return declared
