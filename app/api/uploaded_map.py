@@ -21,7 +21,7 @@ from app.errors import FieldError, InvalidContent
 from app.field_errors import field_error
 from app.files.csv_comments import Header, with_stated
 from app.files.csv_error_map import parse_csv_error_map
-from app.files.csv_measurements import CsvMeasurement, completed
+from app.files.csv_measurements import completed
 from app.files.delimited_text import (
     Problems,
     UnreadableFile,
@@ -31,6 +31,7 @@ from app.files.delimited_text import (
 )
 from app.files.file_kind import FileKind, is_json, json_of, refuse_other_kind
 from app.files.instrument_files import InstrumentFormat, format_of_text
+from app.files.read_body import ReadBody
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ def read_uploaded_map(
     expects_map = method is None
     is_contract = is_json(content, file)
     try:
-        content_read: FileMap | CsvMeasurement
+        content_read: FileMap | ReadBody
         sheets = {} if is_contract else sheets_of(content, file)
         written = None if is_contract else format_of_text(file, next(iter(sheets.values()), ""))
         if method is not None and is_contract:
@@ -212,7 +213,7 @@ def _as_stated(entry: Mapping[str, Any]) -> dict[str, Any]:
     return fields
 
 
-def _body_of(content: bytes, file: Path, method: Method[Any, Any]) -> CsvMeasurement:
+def _body_of(content: bytes, file: Path, method: Method[Any, Any]) -> ReadBody:
     """Read the body of a method's request."""
     problems = Problems(file)
     body = json_of(content, problems)
@@ -221,7 +222,7 @@ def _body_of(content: bytes, file: Path, method: Method[Any, Any]) -> CsvMeasure
             f"expected the fields of a {method.name} measurement, got {type(body).__name__}"
         )
     problems.raise_if_any()
-    return CsvMeasurement(body, None, ())
+    return ReadBody(body, None, ())
 
 
 def _method_of(

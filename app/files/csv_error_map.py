@@ -45,6 +45,7 @@ from app.files.delimited_text import (
     only_sheet,
     parse_delimited,
 )
+from app.files.read_body import ReadBody
 from app.geometry.components import (
     COMPONENTS,
     Component,
@@ -84,15 +85,6 @@ _VALUES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class CsvErrorMap:
-    """A map's body, not checked, the machine that the file names, and what was noticed."""
-
-    body: Mapping[str, Any]
-    machine: str | None
-    remarks: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
 class _Table:
     """The columns `component` and `position`, and those of values by kind."""
 
@@ -113,7 +105,7 @@ class _Point:
     values: dict[str, float | None]
 
 
-def parse_csv_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> CsvErrorMap:
+def parse_csv_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> ReadBody:
     """Read an error map from the sheets of a file.
 
     Parameters
@@ -138,7 +130,7 @@ def parse_csv_error_map(sheets: Mapping[str, str], file: Path, header: Header) -
         comments = read_comments(sheets_read.header, header, remarks)
         components = _components_of_columns(sheets_read, remarks)
     problems.raise_if_any()
-    return CsvErrorMap(comments.state | {"components": components}, comments.machine, remarks)
+    return ReadBody(comments.state | {"components": components}, comments.machine, remarks)
 
 
 def has_error_columns(text: DelimitedText) -> bool:

@@ -12,7 +12,7 @@ One line for each observation: of a component, or at a point (`point_x_mm` …, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,6 +42,7 @@ from app.files.delimited_text import (
     read_sheets,
 )
 from app.files.delimited_text import Problems as FileProblems
+from app.files.read_body import ReadBody
 from app.geometry.components import (
     LINEAR_LETTERS,
     Component,
@@ -93,17 +94,7 @@ _AT_POINTS: Final = tuple(
 _POINT, _MEASURED_AT, _TOOL, _DIRECTIONS_AT = _AT_POINTS
 
 
-@dataclass(frozen=True, slots=True)
-class CsvVerification:
-    """A verification as it is to be sent, and where in the file each observation stands."""
-
-    body: Body
-    machine: str | None
-    remarks: Sequence[str]
-    lines: Sequence[int]
-
-
-def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerification:
+def read_csv_verification(file: Path, *, is_planned: bool = False) -> ReadBody:
     """Read a verification, and say what of the file was not read.
 
     Parameters
@@ -123,7 +114,7 @@ def read_csv_verification(file: Path, *, is_planned: bool = False) -> CsvVerific
 
 def parse_csv_verification(
     sheets: Mapping[str, str], file: Path, *, is_planned: bool = False
-) -> CsvVerification:
+) -> ReadBody:
     """Read a verification from the sheets of a file, as `read_csv_verification` does."""
     remarks: list[str] = []
     problems = FileProblems(file)
@@ -142,7 +133,7 @@ def parse_csv_verification(
     _check_sizes(text, observations)
     text.problems.raise_if_any()
     head = _head(comments, file.stem)
-    return CsvVerification(
+    return ReadBody(
         {**head, "observations": observations},
         comments.machine,
         remarks,
@@ -158,7 +149,7 @@ def has_measured_columns(text: DelimitedText) -> bool:
 
 def _of_component_columns(
     tables: ComponentSheets, file: Path, remarks: list[str], is_planned: bool
-) -> CsvVerification:
+) -> ReadBody:
     """Read tables with a column for each component: each cell is an observation.
 
     Without a column of times all of them count as measured when the header says.
@@ -202,7 +193,7 @@ def _of_component_columns(
         observations.append(observation)
         lines.append(value.row.line)
     problems.raise_if_any()
-    return CsvVerification(
+    return ReadBody(
         {**_head(comments, file.stem), "observations": observations},
         comments.machine,
         remarks,

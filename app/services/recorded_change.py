@@ -73,15 +73,6 @@ class RecordedChanges(Answer, published_as="RecordedChangesAnswer", whole=False)
     """The last of them, UTC; null without any"""
 
 
-@dataclass(frozen=True, slots=True)
-class _Moment:
-    """What was recorded at one time."""
-
-    time: datetime
-    temperatures_c: Mapping[str, float]
-    state: Mapping[str, float]
-
-
 def recorded_changes(
     session: Session,
     before: LiveModel,
@@ -132,7 +123,7 @@ def temperatures_then(session: Session, machine: Machine, time: datetime) -> dic
     return _temperatures(machine, newest_readings(session, machine.id, time, AROUND), time)
 
 
-def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[_Moment]:
+def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[Reading]:
     """Read what was recorded at moments from the last reading back to the first, each once."""
     first, last = oldest_time(session, machine.id), newest_time(session, machine.id, until)
     if first is None or last is None or last < first:
@@ -143,7 +134,7 @@ def _moments(session: Session, machine: Machine, until: datetime) -> Iterator[_M
         if not readings:
             return
         time = readings[-1].time
-        yield _Moment(time, _temperatures(machine, readings, time), readings[-1].state)
+        yield Reading(time, _temperatures(machine, readings, time), readings[-1].state)
         # What is left is divided anew each time: a gap in the record takes one moment only.
         at = time - max((time - first) / remaining, MOMENT)
 
@@ -168,7 +159,7 @@ def _temperatures(
     }
 
 
-def _spread(moments: Sequence[_Moment], sensors: Sequence[str]) -> list[_Moment]:
+def _spread(moments: Sequence[Reading], sensors: Sequence[str]) -> list[Reading]:
     """Choose moments that are far apart in temperature, the latest first."""
     if len(moments) <= COMPARED or not sensors:
         return list(moments[:COMPARED])

@@ -11,8 +11,9 @@ from pydantic import ValidationError
 from app.api.methods.shapes import MeasurementAnswer, answer_fields
 from app.errors import InvalidContent
 from app.field_errors import field_error
-from app.files.csv_measurements import CsvMeasurement, read_csv_measurement
+from app.files.csv_measurements import read_csv_measurement
 from app.files.csv_measurements.formats import Format
+from app.files.read_body import ReadBody
 from app.measurement.result import MeasurementResult
 from app.services.context import Context
 from app.services.measurements import MeasurementRequest, Storing, store_measurement
@@ -102,7 +103,7 @@ class Method(Generic[Request, Result]):
         """Whether its result is one error map, and can be looked at as one."""
         return self.store is store_as_map
 
-    def read(self, text: str, **named: Any) -> CsvMeasurement:
+    def read(self, text: str, **named: Any) -> ReadBody:
         """Read a table of its readings, as `read_csv_measurement` does."""
         return read_csv_measurement(self.file, text, **named)
 

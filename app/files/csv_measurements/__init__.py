@@ -7,10 +7,8 @@ table holds the readings. Units stand in the names and bind: `linear_um` or
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from app.files.csv_comments import (
     Header,
@@ -20,15 +18,7 @@ from app.files.csv_comments import (
 )
 from app.files.csv_measurements.formats import Format
 from app.files.delimited_text import Problems, parse_delimited
-
-
-@dataclass(frozen=True, slots=True)
-class CsvMeasurement:
-    """A measurement as it is to be sent, the machine that the file names, what was noticed."""
-
-    body: dict[str, Any]
-    machine: str | None
-    remarks: Sequence[str]
+from app.files.read_body import ReadBody
 
 
 def read_csv_measurement(
@@ -38,7 +28,7 @@ def read_csv_measurement(
     name: str = "measurement.csv",
     header: Header | None = None,
     complete: bool = False,
-) -> CsvMeasurement:
+) -> ReadBody:
     """Read a measurement, and say what of the file was not read.
 
     Parameters
@@ -68,12 +58,12 @@ def read_csv_measurement(
         table.problems.add("expected lines of values, got none")
     body = form.read(table, comments.statements, remarks)
     table.problems.raise_if_any()
-    return CsvMeasurement({**comments.state, **body}, comments.machine, remarks)
+    return ReadBody({**comments.state, **body}, comments.machine, remarks)
 
 
 def completed(
-    found: CsvMeasurement, form: Format, file: Path, stated: Header, *, complete: bool
-) -> CsvMeasurement:
+    found: ReadBody, form: Format, file: Path, stated: Header, *, complete: bool
+) -> ReadBody:
     """Put what is stated into a measurement that no table of ours holds.
 
     Raises

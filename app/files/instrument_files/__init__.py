@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from app.files.csv_measurements import CsvMeasurement
 from app.files.delimited_text import UnreadableFile, read_text
 from app.files.instrument_files.renishaw_rtl import BEGINS, read_renishaw_rtl
+from app.files.read_body import ReadBody
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class InstrumentFormat:
     name: str
     method: str
     begins: Callable[[str], bool]
-    read: Callable[[str, Path, str | None], CsvMeasurement]
+    read: Callable[[str, Path, str | None], ReadBody]
 
 
 FORMATS: Final[Mapping[str, InstrumentFormat]] = {

@@ -25,8 +25,8 @@ from typing import Any, Final
 
 from app.errors import counted, list_names
 from app.files.code_pages import UNREADABLE
-from app.files.csv_measurements import CsvMeasurement
 from app.files.delimited_text import LONGEST_LINE, Problems, split_lines
+from app.files.read_body import ReadBody
 from app.geometry.components import LINEAR_LETTERS
 
 BEGINS: Final = re.compile(r"\s*HEADER\s*::", re.I)
@@ -111,7 +111,7 @@ class _File:
         return float(text.replace(",", ".")) + 0.0  # −0 is none
 
 
-def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeasurement:
+def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> ReadBody:
     """Read a linear measurement.
 
     Parameters
@@ -121,7 +121,7 @@ def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeas
 
     Returns
     -------
-    CsvMeasurement
+    ReadBody
         The body of `positioning`; the title is the label. The machine is free text and the
         time has no zone, so neither is in it: remarks say what the file states.
 
@@ -151,7 +151,7 @@ def read_renishaw_rtl(text: str, file: Path, axis: str | None = None) -> CsvMeas
     elif title and title.text:
         body = {"label": title.text}
     body |= {"instrument": "Renishaw laser, .rtl", "axis": letter}
-    return CsvMeasurement({**body, "targets_mm": sorted(targets), **ways}, None, remarks)
+    return ReadBody({**body, "targets_mm": sorted(targets), **ways}, None, remarks)
 
 
 def _plain(name: str) -> str:
