@@ -56,9 +56,8 @@ POSTGRESQL = re.compile(r"[\[-]postgresql[\]-]")
 API_ON_POSTGRESQL = {
     f"test_api_{subject}.py"
     for subject in (
-        *("access", "activation", "adopted_effects", "analyses", "assignments", "error_maps"),
-        *("events", "history", "machines", "models", "readings", "readings_at_once", "status"),
-        *("stream_news", "verifications", "watch"),
+        *("access", "analyses", "error_maps", "events", "history", "machines", "models"),
+        *("readings", "readings_at_once", "stream_news", "verifications", "watch"),
     )
 } | {"test_large_numbers.py"}
 """What asks the database something of its own; the other tests read the same rows."""

@@ -108,19 +108,6 @@ async def test_asking_stores_nothing(client, app):
     assert contents(app) == before
 
 
-@pytest.mark.parametrize("t_c", [20.0, 24.0, 30.0])
-async def test_at_a_map_the_table_is_the_map(client, t_c):
-    document = await ask(client, x_middle=t_c, z_column=t_c + 2.0)
-    stored = {c["component"]: c for c in error_map("", t_c)["components"]}
-    entries = by_code(document)
-    assert {e["status"] for e in entries.values()} == {"at-map"}
-    assert entries["EXX"]["errors_um"] == stored["EXX"]["errors_um"]
-    assert entries["EBX"]["errors_urad"] == stored["EBX"]["errors_urad"]
-    assert entries["EZZ"]["errors_um"] == stored["EZZ"]["errors_um"]
-    assert entries["SXY"]["error_um_per_m"] == stored["SXY"]["value_um_per_m"]
-    assert document["warnings"] == []
-
-
 @pytest.mark.parametrize(
     ("t_c", "nearest", "weight", "grown"), [(12.0, "Run #1", 0.0, 0.0), (70.0, "Run #6", 1.0, 10.0)]
 )
@@ -135,27 +122,6 @@ async def test_outside_the_maps_the_nearest_is_held_and_said(client, t_c, neares
     for word in ("x-middle", f"{t_c:g} °C", "EXX, EBX, SXY", nearest):
         assert word in warning
     assert "EZZ" not in warning
-
-
-async def test_extrapolation_goes_up_to_the_margin_and_is_said(client):
-    await client.patch(ROOM, json={"out_of_range": "extrapolate", "extrapolation_margin_c": 3})
-    document = await ask(client, x_middle=33.0, z_column=29.0)
-    exx = by_code(document)["EXX"]
-    assert (exx["status"], exx["weight"]) == ("extrapolated", 1.5)
-    assert exx["errors_um"] == [0.0, 13.0, 65.0]
-    assert any("extrapolated" in w for w in document["warnings"])
-    found = await refused(client, x_middle=33.001, z_column=29.0)
-    assert "up to 3 °C beyond" in found["detail"]
-    exx = by_code(await ask(client, x_middle=17.0, z_column=29.0))["EXX"]
-    assert exx["errors_um"] == pytest.approx([0.0, -3.0, -15.0])
-
-
-async def test_reject_names_the_sensor_and_its_components(client):
-    await client.patch(ROOM, json={"out_of_range": "reject"})
-    found = await refused(client, x_middle=30.5, z_column=29.0)
-    assert found["errors"][0]["field"] == "temperatures_c.x-middle"
-    for word in ("x-middle", "EXX, EBX, SXY", "20 to 30 °C", "30.5 °C"):
-        assert word in found["detail"]
 
 
 @pytest.mark.parametrize("x_middle", [None, 85.0, -100.0], ids=["missing", "too hot", "too cold"])
@@ -174,15 +140,6 @@ async def test_a_failed_sensor_is_replaced_by_its_stand_ins_own_scale(client, x_
     assert any("y-front" in w and "x-middle" in w for w in document["warnings"])
     if x_middle is not None:
         assert any(f"{x_middle:g}" in w for w in document["warnings"])
-
-
-async def test_a_stand_in_outside_the_maps_is_clamped_and_both_are_said(client):
-    document = await ask(client, y_front=60.0, z_column=29.0)
-    exx = by_code(document)["EXX"]
-    assert (exx["status"], exx["sensor"], exx["stand_in_for"]) == ("clamped", "y-front", "x-middle")
-    text = " ".join(document["warnings"])
-    assert "stands in" in text
-    assert "held at 'Run #6'" in text
 
 
 async def test_without_sensor_and_stand_in_the_components_are_named(client):
@@ -222,38 +179,6 @@ async def test_a_bidirectional_component_has_both_tables(client):
     assert entries["ECY"]["backward_errors_urad"] == [1.0, 66.0]
     assert entries["ECY"]["backward_compensation_urad"] == [-1.0, -66.0]
     assert "backward_errors_um" not in entries["EXX"]
-
-
-async def test_a_component_bidirectional_in_some_maps_only_is_said(client):
-    for t, more in ((32.0, {}), (36.0, {"backward_errors_um": [4.0, 4.0]})):
-        content = error_map(f"At {t}", t, components=[table("EYY", [0, 100], [0.0, 2.0], **more)])
-        await client.post(f"{ROOM}/error-maps", json=content)
-    document = await ask(client, x_middle=34.0, z_column=29.0)
-    assert by_code(document)["EYY"]["errors_um"] == [0.0, 2.0]
-    assert by_code(document)["EYY"]["backward_errors_um"] == [4.0, 4.0]
-    assert any("EYY has no backward errors in" in w for w in document["warnings"])
-
-
-async def test_maps_with_other_positions_meet_on_the_union_in_the_common_range(client):
-    for t, positions, errors in (
-        (32.0, [0, 100, 200], [0.0, 10.0, 20.0]),
-        (36.0, [50, 150, 300], [0.0, 20.0, 20.0]),
-    ):
-        content = error_map(f"At {t}", t, components=[table("EYY", positions, errors)])
-        await client.post(f"{ROOM}/error-maps", json=content)
-    eyy = by_code(await ask(client, x_middle=34.0, z_column=29.0))["EYY"]
-    assert eyy["positions_mm"] == [50.0, 100.0, 150.0, 200.0]
-    # Half of 5, 10, 15, 20 and of 0, 10, 20, 20.
-    assert eyy["errors_um"] == [2.5, 10.0, 17.5, 20.0]
-
-
-async def test_maps_without_a_common_range_cannot_be_stored_together(client, app):
-    for label, t, positions in (("A", 32.0, [0, 100]), ("B", 36.0, [100, 200])):
-        before = contents(app)
-        content = error_map(label, t, components=[table("EYY", positions, [0.0, 1.0])])
-        answer = await client.post(f"{ROOM}/error-maps", json=content)
-    assert "EYY" in problem(answer, 409)["detail"]
-    assert contents(app) == before
 
 
 async def test_components_come_in_the_order_of_the_component_table(empty):
@@ -315,16 +240,3 @@ async def test_however_it_is_sent_the_table_is_the_same(client, header):
         assert answer.status_code == 200
         assert answer.content == plain.content
         assert answer.headers["content-type"] == "application/json"
-
-
-async def test_the_limit_of_extrapolation_is_set_per_machine_and_said(client):
-    """These maps state no uncertainty: the weights alone decide, (1 − w)² + w² ≤ 1.2²."""
-    change = {"out_of_range": "extrapolate", "extrapolation_margin_c": 100}
-    await client.patch(ROOM, json=change | {"extrapolation_error_ratio": 1.2})
-    document = await ask(client, x_middle=80.0, z_column=29.0)
-    held = by_code(document)["EXX"]
-    assert held["status"] == "clamped"
-    assert held["weight"] ** 2 + (1 - held["weight"]) ** 2 == pytest.approx(1.2**2)
-    assert any("the standard error grows too large there" in w for w in document["warnings"])
-    stored = (await client.get(ROOM)).json()
-    assert stored["extrapolation_error_ratio"] == 1.2

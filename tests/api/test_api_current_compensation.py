@@ -6,7 +6,6 @@ import pytest
 
 from app.api.schemas.compensation import CurrentCompensationAnswer
 from tests.service_examples import (
-    MACHINE,
     ROOM,
     START,
     by_code,
@@ -141,22 +140,6 @@ async def test_stale_readings_serve_and_are_said_with_their_age(client, clock):
     assert any("x-middle" in w and "121 s" in w and "120 s" in w for w in document["warnings"])
 
 
-async def test_one_stale_sensor_is_replaced_by_a_fresh_stand_in(client, clock):
-    await feed(client, reading(START, 25.5))
-    clock.advance(150)
-    fresh = {"y-front": 24.5, "z-column": 27.5, "spindle": 30.5}
-    await feed(client, {"time": iso(clock.time), "temperatures_c": fresh})
-    document = await current(client)
-    exx = by_code(document)["EXX"]
-    assert (exx["sensor"], exx["stand_in_for"]) == ("y-front", "x-middle")
-    assert exx["status"] == "stand-in"
-    assert document["stale"] is True
-    assert document["reading_age_s"] == 0
-    states = sensors_of(document)
-    assert (states["x-middle"]["health"], states["x-middle"]["age_s"]) == ("stale", 150)
-    assert states["y-front"]["health"] == "ok"
-
-
 async def test_a_sensor_that_never_read_is_missing(client):
     await feed(
         client,
@@ -174,66 +157,6 @@ async def test_without_any_usable_sensor_the_answer_is_409_and_says_which(client
     found = problem(await client.get(PATH), 409)
     for word in ("x-middle", "z-column", "EXX", "EZZ"):
         assert word in found["detail"]
-
-
-async def test_a_value_out_of_range_is_not_used(client):
-    broken = reading(START, 25.5)
-    broken["temperatures_c"]["x-middle"] = -200.0
-    await feed(client, broken)
-    document = await current(client)
-    state = sensors_of(document)["x-middle"]
-    assert (state["health"], state["temperature_c"]) == ("out-of-range", -200.0)
-    assert by_code(document)["EXX"]["sensor"] == "y-front"
-    assert any("-10 to 80 °C" in w for w in document["warnings"])
-
-
-async def test_a_sensor_that_jumps_is_not_believed_until_it_could_be_true(client, clock):
-    await feed(client, reading(START, 22.0))
-    clock.advance(10)
-    jumped = reading(clock.time, 22.0)
-    jumped["temperatures_c"]["x-middle"] = 29.0
-    await feed(client, jumped)
-    document = await current(client)
-    state = sensors_of(document)["x-middle"]
-    assert state["health"] == "jump"
-    assert "from 22 to 29 °C" in state["detail"]
-    assert by_code(document)["EXX"]["sensor"] == "y-front"
-    clock.advance(110)  # 5 °C a minute are possible
-    jumped = reading(clock.time, 22.0)
-    jumped["temperatures_c"]["x-middle"] = 29.0
-    await feed(client, jumped)
-    document = await current(client)
-    assert sensors_of(document)["x-middle"]["health"] == "ok"
-    assert by_code(document)["EXX"]["sensor"] == "x-middle"
-
-
-async def test_a_sensor_that_stands_still_while_its_neighbours_move_is_stuck(client, clock):
-    """The others have moved by 1 °C after 20 minutes; 60 more may pass before it must follow."""
-    healths = {}
-    for minute in range(95):
-        rising = reading(START + timedelta(minutes=minute), 22.0 + 0.05 * minute)
-        rising["temperatures_c"]["x-middle"] = 22.0
-        clock.time = START + timedelta(minutes=minute)
-        await feed(client, rising)
-        if minute in (30, 59, 94):
-            document = await current(client)
-            healths[minute] = sensors_of(document)["x-middle"]["health"]
-    assert healths == {30: "ok", 59: "ok", 94: "stuck"}
-    assert "22 °C" in sensors_of(document)["x-middle"]["detail"]
-    assert by_code(document)["EXX"]["sensor"] == "y-front"
-    assert any("x-middle is stuck" in w for w in document["warnings"])
-
-
-async def test_before_two_maps_there_is_no_table_at_the_latest_reading(empty):
-    await empty.post("/v1/machines", json=MACHINE)
-    await feed(empty, reading(START, 25.5))
-    problem(await empty.get(PATH), 422)
-
-
-async def test_a_rejected_temperature_is_refused_here_too(client):
-    await client.patch(ROOM, json={"out_of_range": "reject"})
-    await feed(client, reading(START, 45.0))
-    assert "x-middle" in problem(await client.get(PATH), 422)["detail"]
 
 
 async def test_a_reading_slightly_ahead_of_the_clock_is_no_younger_than_now(client):

@@ -85,68 +85,6 @@ async def test_what_is_optional_and_was_not_stated_is_left_out(client):
 
 
 @pytest.mark.parametrize(
-    ("name", "code", "chapter"),
-    [
-        ("D_x(x)", "EXX", "D_x(x)"),
-        ("Dx(x)", "EXX", "D_x(x)"),
-        ("d_z(y)", "EZY", "D_z(y)"),
-        ("eyx", "EYX", "D_y(x)"),
-        (" EZX ", "EZX", "D_z(x)"),
-    ],
-)
-async def test_chapter_notation_comes_in_and_the_code_goes_out(client, name, code, chapter):
-    answer = await stored(client, table(name, [0, 10], [0.5, 1.5]))
-    assert answer.status_code == 201
-    (component,) = answer.json()["components"]
-    assert component["component"] == code
-    assert component["chapter"] == chapter
-    assert component["errors_um"] == [0.5, 1.5]
-
-
-@pytest.mark.parametrize(
-    ("name", "stated", "code", "kept", "iso_name", "iso_value"),
-    [
-        ("SXY", -12.1, "SXY", -12.1, "C0Y", 12.1),
-        ("S_xy", -12.1, "SXY", -12.1, "C0Y", 12.1),
-        ("C0Y", 12.1, "SXY", -12.1, "C0Y", 12.1),
-        ("EC0Y", 12.1, "SXY", -12.1, "C0Y", 12.1),
-        ("A0Z", 3.5, "SYZ", -3.5, "A0Z", 3.5),
-        ("B0Z", 3.5, "SZX", 3.5, "B0Z", 3.5),
-    ],
-)
-async def test_squareness_keeps_its_sign_in_either_notation(
-    client, name, stated, code, kept, iso_name, iso_value
-):
-    answer = await stored(client, {"component": name, "value_um_per_m": stated})
-    assert answer.status_code == 201
-    (component,) = answer.json()["components"]
-    assert component["component"] == code
-    assert component["value_um_per_m"] == kept
-    assert component["iso"] == iso_name
-    assert component["iso_value_urad"] == iso_value
-
-
-@pytest.mark.parametrize(
-    "component",
-    [
-        table("EXX", [0, 500], [0.0, 1.2], backward_errors_um=[-0.5, 0.7]),
-        table("EBX", [0, 500], [0.0, 1.2], "urad", backward_errors_urad=[-0.5, 0.7]),
-        {"component": "EYY^x", "positions_mm": [0.0, 500.0], "slopes_um_per_m": [0.0, 3.0]},
-        {"component": "EAY^x", "positions_mm": [0.0, 500.0], "slopes_urad_per_m": [0.0, 3.0]},
-        {"component": "XOC", "value_um": -0.5},
-        {"component": "AOC", "value_urad": 17.25},
-        table("EZZ", [250.0], [4.0]),
-    ],
-    ids=lambda c: c["component"],
-)
-async def test_every_kind_of_component_is_kept(client, component):
-    answer = await stored(client, component)
-    assert answer.status_code == 201
-    (kept,) = answer.json()["components"]
-    assert component.items() <= kept.items()
-
-
-@pytest.mark.parametrize(
     ("name", "stated"),
     [("SXY", "um_per_m"), ("X0C", "um"), ("A0C", "urad")],
 )
@@ -195,28 +133,13 @@ def _changed(change):
     "content",
     [
         _changed(lambda m: m["components"][0]["errors_um"].__setitem__(1, 1e-300)),
-        _changed(lambda m: m["components"][0]["positions_mm"].__setitem__(1, 100.00000000000001)),
         _changed(lambda m: m["components"].pop()),
         _changed(lambda m: m["components"][0].update(backward_errors_um=[0.0, 0.0, 0.0])),
-        _changed(lambda m: m["temperatures_c"].pop("spindle")),
         _changed(lambda m: m["temperatures_c"].update(spindle=25.000000000000004)),
-        _changed(lambda m: m.update(measured_at="2026-02-28T06:00:00.000001Z")),
-        _changed(lambda m: m.update(instrument="another")),
         _changed(lambda m: m.update(repeatability_um=0.0)),
         _changed(lambda m: m.update(measuring_lines_mm={"x": [0, 0, 0]})),
     ],
-    ids=[
-        "tiny error",
-        "position",
-        "component less",
-        "backward",
-        "sensor less",
-        "last bit of a temperature",
-        "microsecond",
-        "instrument",
-        "repeatability",
-        "measuring line",
-    ],
+    ids=["tiny error", "component less", "backward", "last bit", "repeatability", "line"],
 )
 async def test_other_content_under_a_label_is_a_conflict(client, app, content):
     before = contents(app)

@@ -45,7 +45,7 @@ async def test_every_stored_map_makes_the_next_version(client):
     assert (await client.get(ROOM)).json()["active_model"] == 3
 
 
-@pytest.mark.parametrize("version", [0, 4, -1, 2**31, 2**63, 2**64, 10**40])
+@pytest.mark.parametrize("version", [0, 4, 10**40])
 async def test_an_unknown_version_is_told_with_those_that_exist(client, app, version):
     before = contents(app)
     for answer in (

@@ -146,33 +146,6 @@ async def _again(client):
         await client.post(f"{ROOM}/error-maps", json=error_map(label, t_c))
 
 
-@pytest.mark.parametrize("failure", [None, -200.0], ids=["missing", "out of range"])
-async def test_a_failed_sensor_is_replaced_by_its_stand_in(client, failure):
-    readings = [reading(FIRST, 24.0), reading(START, 30.0)]
-    for r in readings:
-        del r["temperatures_c"]["x-middle"]
-        if failure is not None:
-            r["temperatures_c"]["x-middle"] = failure
-    await client.post(f"{ROOM}/readings", json=readings)
-    document = await predict(client, at(25, "EXX", 100.0), at(25, "EZZ", 50.0))
-    assert document["predicted_um"] == [5.5, 5.5]
-    assert document["status"] == ["stand-in", "interpolated"]
-
-
-async def test_outside_the_maps_the_machines_policy_holds(client):
-    await client.post(f"{ROOM}/readings", json=[reading(START, 33.0)])
-    asked = {"time": iso(START), "component": "EXX", "position_mm": 100.0}
-    document = await predict(client, asked)
-    assert (document["predicted_um"], document["status"]) == ([10.0], ["clamped"])
-    await client.patch(ROOM, json={"out_of_range": "extrapolate"})
-    document = await predict(client, asked)
-    assert (document["predicted_um"], document["status"]) == ([13.0], ["extrapolated"])
-    await client.patch(ROOM, json={"out_of_range": "reject"})
-    document = await predict(client, asked, {"time": iso(START), "point_mm": [0, 0, 0]})
-    assert document["predicted_um"] == [None, None]
-    assert document["status"] == ["outside-maps", "outside-maps"]
-
-
 async def test_any_version_can_be_asked(warmed):
     asked = at(50, "EXX", 100.0)  # x-middle has 27 °C
     assert (await predict(warmed, asked))["predicted_um"] == [7.0]
@@ -182,50 +155,6 @@ async def test_any_version_can_be_asked(warmed):
     await warmed.post(f"{ROOM}/models/2/activate")
     assert (await predict(warmed, asked))["model_version"] == 2
     assert (await predict(warmed, asked, model_version=3))["predicted_um"] == [7.0]
-
-
-async def test_directions_differ_where_the_maps_know_them(client):
-    for t in (32.0, 36.0):
-        both = table("EYY", [0, 100], [0.0, t], backward_errors_um=[1.0, 3 * t])
-        await client.post(f"{ROOM}/error-maps", json=error_map(f"At {t}", t, components=[both]))
-    await client.post(f"{ROOM}/readings", json=reading(START, 34.0))
-    asked = [
-        {"time": iso(START), "component": "EYY", "position_mm": 100.0, "direction": d}
-        for d in ("+", "-", None)
-    ]
-    asked.append({"time": iso(START), "component": "EXX", "position_mm": 100.0, "direction": "-"})
-    document = await predict(client, *asked)
-    assert document["predicted_um"] == [34.0, 102.0, 68.0, 10.0]
-
-
-async def test_with_measuring_lines_the_arm_counts_from_the_line(client):
-    for stored_map in (await client.get(f"{ROOM}/error-maps")).json():
-        await client.delete(f"{ROOM}/error-maps/{stored_map['id']}")
-    for t in (20.0, 30.0):
-        content = error_map(f"On a line at {t}", t, measuring_lines_mm={"x": [0, 0, 50]})
-        await client.post(f"{ROOM}/error-maps", json=content)
-    await client.post(f"{ROOM}/readings", json=reading(START, 25.5))
-    points = [{"time": iso(START), "point_mm": [100, 0, z]} for z in (50, 150)]
-    on_line, above = (await predict(client, *points))["predicted_um"]
-    assert on_line[0] == pytest.approx(5.5)
-    assert above[0] == pytest.approx(5.5 + 11 * 0.1)
-
-
-async def test_the_line_s_own_tool_offset_is_no_arm(client):
-    """EBX with a reflector at z = 50 mm on a tool of 100 mm: at z = 50 with that tool, no arm."""
-    for stored_map in (await client.get(f"{ROOM}/error-maps")).json():
-        await client.delete(f"{ROOM}/error-maps/{stored_map['id']}")
-    line = {"x": {"point_mm": [0, 0, 50], "tool_offset_mm": [0, 0, 100]}}
-    for t in (20.0, 30.0):
-        content = error_map(f"On a line at {t}", t, measuring_lines_mm=line)
-        await client.post(f"{ROOM}/error-maps", json=content)
-    await client.post(f"{ROOM}/readings", json=reading(START, 25.5))
-    points = [
-        {"time": iso(START), "point_mm": [100, 0, z], "tool_offset_mm": [0, 0, tool]}
-        for z, tool in ((50, 100), (150, 0), (150, 100))
-    ]
-    found = (await predict(client, *points))["predicted_um"]
-    assert [e[0] for e in found] == pytest.approx([5.5, 5.5, 5.5 + 11 * 0.1])
 
 
 async def test_at_a_point_each_axis_has_its_direction(client):
@@ -275,7 +204,7 @@ async def test_a_component_that_the_model_lacks_is_told_with_those_it_has(warmed
     assert "EYY" in found["detail"]
 
 
-@pytest.mark.parametrize("version", [0, -1, 4, 2**31, 2**63, 2**64])
+@pytest.mark.parametrize("version", [0, 4, 2**64])
 async def test_an_unknown_version_is_told_with_those_that_exist(warmed, version):
     body = {"observations": [at(25, "SXY")], "model_version": version}
     assert "1, 2, 3" in problem(await warmed.post(PATH, json=body), 404)["detail"]

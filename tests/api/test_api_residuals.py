@@ -76,13 +76,6 @@ async def test_residuals_are_measured_minus_predicted(room):
     assert found["rows"][0]["y_mm"] is None
 
 
-async def test_an_unknown_zero_is_taken_off_each_component(room):
-    shifted = [exx(i, 100.0 + i, r + 50.0) for i, r in enumerate(RESIDUALS)]
-    number = await stored(room, shifted, datum="free")
-    found = (await room.get(f"{PATH}/{number}/residuals")).json()
-    assert found["overall"]["rms"] == pytest.approx((36 / 8) ** 0.5)
-
-
 async def test_what_cannot_be_compared_is_counted_with_its_reason(room):
     good = [exx(i, 100.0, r) for i, r in enumerate(RESIDUALS)]
     early = [exx(-500 - i, 100.0, 0.0) for i in range(3)]

@@ -155,17 +155,6 @@ async def test_the_course_is_a_verification_with_its_temperatures(client):
     assert len((await client.get(f"{ROOM}/verifications")).json()) == 1
 
 
-async def test_two_displacements_are_observed_as_their_components(client):
-    body = warm_up(components={"x": "EXX", "z": "EZZ"})
-    body["readings"] = [{k: v for k, v in r.items() if k != "y_um"} for r in body["readings"]]
-    kept = (await posted(client, body, "store_verification=true"))["verification"]
-    assert kept["components"] == ["EXX", "EZZ"]
-    whole = (await client.get(f"{ROOM}/verifications/{kept['id']}")).json()
-    assert {(o["component"], o["position_mm"]) for o in whole["observations"]} == {
-        ("EXX", 250.0), ("EZZ", 300.0),
-    }  # fmt: skip
-
-
 async def test_each_target_of_a_moving_axis_is_a_set_up(client):
     body = warm_up(test="linear-axis", axis="x")
     for i, reading in enumerate(body["readings"]):

@@ -119,26 +119,6 @@ def test_every_number_is_the_tables_to_a_tenth_of_a_nanometre(seed):
     assert b"-0.0]" not in content
 
 
-def test_a_table_of_twelve_by_twenty_one_takes_two_thirds_of_the_bytes():
-    positions = np.linspace(0, 500, 21)
-    rng = np.random.default_rng(1)
-    codes = ["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ", "SZX", "SXY", "SYZ"]
-
-    def drawn(code):
-        if not COMPONENTS[code].is_table:
-            return ComponentTable.make(COMPONENTS[code], [rng.normal()])
-        return ComponentTable.make(COMPONENTS[code], rng.normal(0, 10, 21), positions)
-
-    maps = [error_map(f"at {t}", t, *map(drawn, codes)) for t in (20.0, 30.0)]
-    model = compile_model(machine(), maps, {})
-    sensors = [SensorState(s, Health.OK, 24.123456789) for s in ("x-middle", "z-column")]
-    content = table_json(compensation_table(model, 1, sensors, NOW))
-    assert len(content) < 8000
-    assert json.loads(content)["components"][0]["temperature_c"] == pytest.approx(
-        24.123456789, abs=0
-    ), "what is stated stays as it came"
-
-
 def test_what_is_remembered_of_tables_has_a_bounded_size(monkeypatch):
     kept = Layouts(40_000)
     monkeypatch.setattr("app.api.table_json.LAYOUTS", kept)

@@ -130,10 +130,8 @@ def test_settings_are_changed_together(thermap, client):
         ("name", 2, "KEY=VALUE"),
         ("axes.x=500", 2, "axes.AXIS.max_mm"),
         ("sensors.nose.max_c=5", 2, "x-middle, y-front, z-column, spindle"),
-        ("sensors.spindle.colour=5", 2, "max_age_s"),
         ("sensors.spindle.name=tool", 2, "max_age_s"),
         ("extrapolation_margin_c=far", 1, "expected a number in °C, got 'far'"),
-        ("out_of_range=guess", 1, "clamp"),
         ("name=null", 1, "expected a value, got null"),
     ],
 )

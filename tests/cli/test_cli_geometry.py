@@ -77,18 +77,6 @@ def test_wrong_usage_is_told(thermap, tmp_path, monkeypatch, arguments, said):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_service_refuses_a_factor_that_draws_nothing(thermap, tmp_path):
-    found = thermap("picture", "mcfv5050", *HOT, "--exaggeration", "0", "-o", tmp_path / "m.html")
-    assert found.exit_code == 1
-    assert "exaggeration" in found.stderr
-
-
-def test_components_that_are_missing_are_named(thermap, tmp_path):
-    found = thermap("picture", "mcfv5050", *HOT[:-1], "-o", tmp_path / "mill.html")
-    assert found.exit_code == 1
-    assert "EYX" in found.stderr
-
-
 @pytest.mark.parametrize("columns", [80, 140])
 def test_accuracy_by_every_definition(thermap, columns):
     found = thermap("accuracy", "mcfv5050", *HOT, columns=columns)

@@ -14,7 +14,7 @@ from app.api.methods.registry import METHODS
 from app.cli.measurement_view import figure_text
 from tests.files.test_csv_measurements import EXAMPLES
 from tests.files.test_renishaw_rtl import BOTH_WAYS
-from tests.service_examples import MACHINE, START, error_map, iso, reading, table, temperatures
+from tests.service_examples import START, iso, reading, temperatures
 
 HOT = ("-t", "x-middle=25.5", "-t", "z-column=27.5", "--missing-as-zero")
 
@@ -158,18 +158,6 @@ def test_without_a_thermal_state_nothing_can_be_stored(thermap, client, write):
         assert f"{body}: expected {what}, got none: state it or give {option}\n" in found.stderr
 
 
-def test_a_wrong_file_keeps_the_right_ones_from_being_sent(thermap, client, write):
-    right = write("right.csv", STATE + POSITIONING)
-    wrong = write("wrong.csv", STATE + POSITIONING + "100,3,+,much\n")
-    found = thermap("import", "--method", "positioning", right, wrong, "-m", "mcfv5050")
-    assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(
-        f"thermap: no map or check was stored:\n{wrong}, line 17, column 4 (deviation_mm): "
-        "expected a number in mm, got 'much'\n"
-    )
-    assert len(client.error_maps("mcfv5050")) == 3
-
-
 def test_a_file_of_another_method_says_which_columns_it_lacks(thermap, write):
     file = write("positioning.csv", "# origin_mm: 0 0 0\n# step_mm: 1 1 1\n" + POSITIONING)
     found = thermap("import", "--method", "step-diagonal", file, "-m", "mcfv5050",
@@ -192,24 +180,6 @@ def test_what_a_method_refuses_in_one_file_keeps_all_from_being_stored(thermap, 
     assert found.stderr.startswith(
         f"thermap: no map or check was stored:\n{wrong}: diagonals: expected"
     )
-    assert len(client.error_maps("mcfv5050")) == 3
-
-
-def test_what_is_there_otherwise_names_the_file(thermap, write):
-    taken = write("taken.csv", STATE.replace("Measured", "Run #1") + POSITIONING)
-    later = write("later.csv", STATE + POSITIONING)
-    found = thermap("import", "--method", "positioning", taken, later, "-m", "mcfv5050")
-    assert found.exit_code == 1
-    assert found.stderr.startswith(
-        f"thermap: no map or check was stored:\n{taken}: machine 'mcfv5050' has another error map"
-    )
-
-
-def test_a_sensor_that_the_machine_lacks(thermap, client, write):
-    file = write("x.csv", STATE.replace("spindle", "bed") + POSITIONING)
-    found = thermap("import", "--method", "positioning", file, "-m", "mcfv5050")
-    assert found.exit_code == 1
-    assert f"{file}: temperatures_c.bed: machine 'mcfv5050' has no sensor 'bed'" in found.stderr
     assert len(client.error_maps("mcfv5050")) == 3
 
 
@@ -304,50 +274,8 @@ def test_nobody_listens(run, no_service_url, write, monkeypatch, tmp_path, argum
 # -- thermap simulate ----------------------------------------------------------------------
 
 
-def rigid_machine(client):
-    """Store a machine without rotations, whose errors grow by a quarter of its warming.
-
-    At 22 °C: EXX 2 µm and EZZ −4 µm at 500 mm, EXY 3 µm at 250 mm, SXY 20 µm/m.
-    """
-    client.create_machine(MACHINE | {"id": "rigid"})
-    for t_c in (20.0, 24.0):
-        share = (t_c - 20.0) / 2
-        components = [
-            table("EXX", [0, 500], [0, 2 * share]),
-            table("EZZ", [0, 500], [0, -4 * share]),
-            table("EXY", [0, 250, 500], [0, 3 * share, 0]),
-            {"component": "SXY", "value_um_per_m": 20 * share},
-        ]
-        client.store_error_map("rigid", error_map(f"At {t_c}", t_c, components=components))
-
-
 RIGID = ("simulate", "step-diagonal", "rigid", "-t", "x-middle=22", "-t", "z-column=24",
          "--missing-as-zero")  # fmt: skip
-
-
-@pytest.mark.slow
-def test_the_simulated_file_gives_the_stored_machines_errors_back(thermap, client, tmp_path):
-    rigid_machine(client)
-    file = tmp_path / "laser.csv"
-    written = thermap(*RIGID, "-o", file, "--tool", "0,0,160")
-    assert written.exit_code == 0, written.output
-    assert words(written.stdout)[0].endswith("laser.csv: 4 diagonals in 10 steps, simulated")
-    assert "note: counted as zero: EYX, EZX" in written.stderr
-    asked = ("import", "--method", "step-diagonal", file, "--evaluate-only")
-    shown = thermap(*asked)
-    assert shown.exit_code == 0, shown.output
-    assert "note: comment lines that are not read: 'Simulated from" in shown.stderr
-    for row in (
-        "EXX D_x(x) 0.00 +2.00 – µm 11: x 0 to 500 mm",
-        "EZZ D_z(z) -4.00 0.00 – µm 11: z 0 to 500 mm",
-        "EXY D_x(y) 0.00 +3.00 – µm 11: y 0 to 500 mm",
-        "SXY S_xy +20.00 – µm/m",
-    ):
-        assert row in words(shown.stdout)
-    tables = {c["component"]: c for c in json.loads(thermap(*asked, "--json").stdout)["components"]}
-    parabola = 3 * (1 - np.abs(np.arange(11) - 5) / 5)
-    np.testing.assert_allclose(tables["EXY"]["errors_um"], parabola, atol=2e-5)
-    np.testing.assert_allclose(tables["EYX"]["errors_um"], 0, atol=2e-5)
 
 
 def test_written_and_read_it_is_what_the_service_said(thermap, client, tmp_path):

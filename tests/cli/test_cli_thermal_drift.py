@@ -129,15 +129,6 @@ def test_a_preview_of_a_verification_is_refused(thermap, tmp_path):
     assert "a verification changes none" in " ".join(found.stderr.split())
 
 
-def test_who_only_looks_is_told_what_storing_would_refuse(thermap, tmp_path):
-    file = tmp_path / "warm.csv"
-    file.write_text(HEAD + ROWS)
-    asked = ("import", "--method", "thermal-drift", file, "-m", "mcfv5050", "--evaluate-only")
-    found = thermap(*asked, columns=200)
-    assert found.exit_code == 0, found.output
-    assert "note: maps of its states would be refused: machine 'mcfv5050' has" in found.stdout
-
-
 def test_a_file_for_maps_needs_a_label_and_no_temperature_of_its_own():
     with pytest.raises(UnreadableFile) as caught:
         METHODS["thermal-drift"].read(HEAD.replace("# label: Warm-up\n", "") + ROWS, complete=True)

@@ -23,12 +23,10 @@ from app.settings import Settings
 from app.storage.news import CHANNEL, NewsKind, read_payload, tell
 from tests.databases import reachable
 from tests.service_examples import (
-    MACHINE,
     ROOM,
     START,
     UNHURRIED,
     client_of,
-    error_map,
     furnish_database,
     iso,
     problem,
@@ -143,24 +141,6 @@ async def test_a_reading_that_one_stored_is_in_the_others_table(one, other):
         lambda: other.get(f"{ROOM}/compensation"), httpx.Response.is_success.fget
     )
     assert there.content == (await one.get(f"{ROOM}/compensation")).content
-
-
-async def test_a_map_that_one_stored_is_in_the_others_table(one, other):
-    await one.post(f"{ROOM}/error-maps", json=error_map("Run #9", 40.0))
-    there = await eventually(
-        lambda: other.post(f"{ROOM}/compensation", json=STATED),
-        lambda answer: answer.json()["model_version"] == 4,
-    )
-    assert there.content == (await one.post(f"{ROOM}/compensation", json=STATED)).content
-
-
-async def test_a_machine_comes_and_goes_at_the_other_too(one, other, other_app):
-    live = other_app.state.context.live
-    await one.post("/v1/machines", json=MACHINE | {"id": "new"})
-    until(lambda: live.get("new") is not None)
-    await one.delete("/v1/machines/new")
-    until(lambda: live.get("new") is None)
-    assert live.get("mcfv5050") is not None
 
 
 async def test_what_one_withdrew_is_in_no_table_of_the_other(one, other):
