@@ -42,6 +42,8 @@ def environment(tmp_path_factory):
             "PYTHONPATH": str(ROOT),
             "THERMAP_URL": url,
             "THERMAP_DATABASE_URL": f"sqlite:///{folder}/demo.db",
+            # What is in the week; among all kinds it is found in tests/simulation/test_week.py.
+            "THERMAP_EFFECTS": "thermal-lag",
         }
 
 

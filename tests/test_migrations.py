@@ -257,7 +257,7 @@ def test_services_that_start_together_in_processes_all_succeed(empty_database_ur
             env=environment | {"PYTHONPATH": str(PACKAGE_FOLDER)},
             text=True,
         )
-        for _ in range(3)
+        for _ in range(2)
     ]
     try:
         for process in processes:

@@ -166,7 +166,7 @@ def test_the_week_is_analysed_adopted_and_held_against_what_came_later(thermap, 
     assert len(client.verifications("mcfv5050-week")) == 1
     with pytest.raises(Conflict, match="no effect is adopted yet"):
         compare_later(client, week)
-    found = thermap("analyse", "mcfv5050-week", "--adopt")
+    found = thermap("analyse", "mcfv5050-week", "--adopt", "--effects", "thermal-lag")
     assert found.exit_code == 0, found.output
     (component,) = week.effects[0]["components"]
     assert component in found.stdout

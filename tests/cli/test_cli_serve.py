@@ -46,27 +46,18 @@ COMMANDS = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_path, number):
+def test_it_says_where_it_listens_answers_and_ends_with_0(start, free_port, tmp_path):
     file = tmp_path / "shop.db"
-    process = start("serve", "--port", free_port, "--database-url", f"sqlite:///{file}")
     url = f"http://127.0.0.1:{free_port}"
-    assert wait_until_it_answers(url) == {"status": "ok", "version": __version__}
-    code, out, err = ended(process, number)
-    assert (code, err) == (0, "")
-    assert f"listens on {url}\n" in out
-    assert f"dashboard         {url}/\n" in out
-    assert f"{url}/docs" in out
-    assert f"{file} (a new database, made just now)\n" in out
-
-
-@pytest.mark.slow
-def test_only_a_new_database_is_said_to_be_new(start, free_port, sqlite_url):
-    process = start("serve", "--port", free_port, "--database-url", sqlite_url)
-    wait_until_it_answers(f"http://127.0.0.1:{free_port}")
-    _, out, _ = ended(process)
-    assert f"{make_url(sqlite_url).database}\n" in out
-    assert "new" not in out
+    for number, is_new in ((signal.SIGTERM, True), (signal.SIGINT, False)):
+        process = start("serve", "--port", free_port, "--database-url", f"sqlite:///{file}")
+        assert wait_until_it_answers(url) == {"status": "ok", "version": __version__}
+        code, out, err = ended(process, number)
+        assert (code, err) == (0, "")
+        assert f"listens on {url}\n" in out
+        assert f"dashboard         {url}/\n" in out
+        assert f"{url}/docs" in out
+        assert f"{file}{' (a new database, made just now)' * is_new}\n" in out
 
 
 def test_a_folder_that_is_not_there_is_refused(run, tmp_path):

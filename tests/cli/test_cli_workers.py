@@ -80,35 +80,17 @@ def test_connections_and_opcua_are_the_first_workers_alone():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
-def test_workers_share_a_socket_are_started_again_and_end_together(start, free_port, shared_url):
-    process = start(*("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url))
-    url = f"http://127.0.0.1:{free_port}"
-    wait_until_it_answers(url)
-    everybody_answers(url)
-    before = workers_of(process)
-    assert len(before) == 2
-    os.kill(min(before), signal.SIGKILL)
-    until(lambda: len(workers_of(process) - before) == 1)
-    everybody_answers(url)
-    running = workers_of(process)
-    code, out, err = ended(process)
-    assert code == 0
-    assert "workers           2" in out
-    assert "has died (exit code -9), starts again" in err
-    assert not any(Path(f"/proc/{pid}").exists() for pid in running)
-
-
-@pytest.mark.slow
-def test_every_worker_says_how_the_first_ones_connections_fare(
+def test_workers_share_a_socket_are_started_again_and_end_together(
     start, run, free_port, shared_url, tmp_path
 ):
+    """And each of them says how the first one's connections fare."""
     file = tmp_path / "thermap.toml"
     file.write_text(
         '[[mtconnect]]\nname = "mill"\nmachine = "mcfv5050"\nurl = "http://127.0.0.1:9"\n'
         'sensors = { x-middle = "X" }\n',
         encoding="utf-8",
     )
-    start(
+    process = start(
         *("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url),
         *("--config", file),
     )
@@ -126,6 +108,17 @@ def test_every_worker_says_how_the_first_ones_connections_fare(
     assert "mill" in run("connections", "--url", url).stdout
     doctor = run("doctor", "--url", url, columns=300)
     assert "no contact with http://127.0.0.1:9" in doctor.stdout
+    before = workers_of(process)
+    assert len(before) == 2
+    os.kill(min(before), signal.SIGKILL)
+    until(lambda: len(workers_of(process) - before) == 1)
+    everybody_answers(url)
+    running = workers_of(process)
+    code, out, err = ended(process)
+    assert code == 0
+    assert "workers           2" in out
+    assert "has died (exit code -9), starts again" in err
+    assert not any(Path(f"/proc/{pid}").exists() for pid in running)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from tests.faults.writers import Lost, Writers, expect_all, make_machine
 @pytest.mark.parametrize(
     ("kind", "number", "times"),
     [
-        ("sqlite", signal.SIGKILL, 2),
+        ("sqlite", signal.SIGKILL, 1),
         ("postgresql", signal.SIGKILL, 1),
         ("sqlite", signal.SIGTERM, 1),
     ],

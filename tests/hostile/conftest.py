@@ -10,7 +10,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--hostile-inputs",
         type=int,
-        default=200,
+        default=100,
         help="hostile inputs of each fuzzer in tests/hostile",
     )
 
