@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -16,7 +16,7 @@ from app.effects.low_pass import SETTLED
 from app.effects.map_tables import maps_of_label, positions_of, temperatures_of_maps
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
-from app.effects.shape import Everywhere, Exchange, Rising, Sensitivity, Shape
+from app.effects.shape import Everywhere, Rising, Sensitivity, Shape
 from app.effects.term import Term
 from app.geometry.components import COMPONENTS, ORDER, Component, Kind
 from app.search.noise import deviations
@@ -59,7 +59,7 @@ class CampaignView:
     rows: ObservationRows
     conditions: Conditions
     _late: dict[tuple[Signal, float], FloatArray] = field(default_factory=dict, init=False)
-    _late_in_maps: dict[tuple[Signal, float, tuple[float, ...]], float] = field(
+    _of_maps: dict[tuple[tuple[str, str, float], tuple[float, ...]], float] = field(
         default_factory=dict, init=False
     )
 
@@ -167,63 +167,77 @@ class CampaignView:
         return beyond_maps(self.model, self.maps, code, sensor, minus)
 
     def late_beyond_maps(self, code: str, driver: BeyondMaps, time_constant_s: float) -> BeyondMaps:
-        """Make the driver late, less what was followed late when the maps were measured.
-
-        As far as the record knows: a map from before it counts as measured when all had settled.
-        """
+        """Make the driver late, less what was followed late when the maps were measured."""
         located = self.model.find(code)
         if located is None:
             return replace(driver, time_constant_s=time_constant_s)
         labels = [located[0].labels[row] for row in located[0].scales[0].rows]
-        late = [self._late_in_map(code, label, driver, time_constant_s) for label in labels]
+        of_both = [
+            dict(self.behind_in_maps(code, name, time_constant_s))
+            for name in (driver.sensor, driver.minus)
+            if name
+        ]
         points = tuple(
-            (measured_c, there if np.isfinite(there) else settled)
-            for (measured_c, settled), there in zip(driver.in_maps_c, late, strict=True)
+            (
+                measured_c,
+                there + of_both[0].get(label, 0.0) - sum(b.get(label, 0.0) for b in of_both[1:]),
+            )
+            for label, (measured_c, there) in zip(labels, driver.in_maps_c, strict=True)
         )
         return replace(driver, in_maps_c=points, time_constant_s=time_constant_s)
 
-    def late_in_maps(self, code: str, sensor: str, tau_s: float) -> dict[str, float] | None:
-        """Say how warm what follows a sensor late was in each map of a component [°C].
+    def behind_in_maps(self, code: str, sensor: str, tau_s: float) -> tuple[tuple[str, float], ...]:
+        """Say how far behind a sensor what follows it late was in each map of a component [K].
 
-        A map from before the record counts as measured when all had settled, at the temperature
-        that it states. None where no map is known to differ from that, or where maps that the
-        sensor tells apart could not be told apart so.
+        As far as the record knows: a map from before it counts as measured when all had settled,
+        and is left out. What a map states stays the sensor's temperature there, whether it is that
+        of one time or the mean of an hour.
         """
-        located = self.model.find(code)
-        if located is None:
-            return None
-        scale = located[0].scales[0]
-        labels = [located[0].labels[row] for row in scale.rows]
         signal = Signal("temperature", sensor)
-        late_c = [self._late_at(signal, tau_s, self._measured_s(code, label)) for label in labels]
-        is_late = np.isfinite(late_c)
-        if not is_late.any():
-            return None
-        in_maps_c = np.where(is_late, late_c, scale.temperatures_c)
-        late = dict(zip(labels, in_maps_c.tolist(), strict=True))
-        return None if Exchange.of(sensor, late).why_missing(self.model, code) else late
 
-    def _late_in_map(self, code: str, label: str, driver: BeyondMaps, tau_s: float) -> float:
-        """Say what was followed late when a component's map was measured; NaN: not known."""
-        measured_s = self._measured_s(code, label)
-        signals = (Signal("temperature", name) for name in (driver.sensor, driver.minus) if name)
-        late = [self._late_at(signal, tau_s, measured_s) for signal in signals]
-        return late[0] - sum(late[1:])
+        def behind(times_s: tuple[float, ...]) -> FloatArray:
+            lags = self.conditions.lags
+            for time_s in times_s:
+                if lags.record_before_s(signal, time_s) >= SETTLED * tau_s:
+                    at_s = np.array([time_s])
+                    return lags.lagged(signal, tau_s, at_s) - lags.at(signal, at_s)
+            return np.full(1, np.nan)
+
+        return self._in_maps(code, ("behind", sensor, tau_s), behind)
+
+    def ahead_in_maps(self, code: str, sensor: str, by_s: float) -> tuple[tuple[str, float], ...]:
+        """Say by how much warmer a sensor was some time after each map of a component [K].
+
+        As far as the record knows; other maps are left out.
+        """
+
+        def ahead(times_s: tuple[float, ...]) -> FloatArray:
+            at = Conditions(np.array(times_s[:1]), {}, lags=self.conditions.lags)
+            return at.temperature_later(sensor, by_s) - at.temperature_later(sensor, 0.0)
+
+        return self._in_maps(code, ("ahead", sensor, by_s), ahead)
+
+    def _in_maps(
+        self,
+        code: str,
+        what: tuple[str, str, float],
+        at_times: Callable[[tuple[float, ...]], FloatArray],
+    ) -> tuple[tuple[str, float], ...]:
+        """Ask the record about the time of each map; components of one map share the answer."""
+        located = self.model.find(code)
+        known: list[tuple[str, float]] = []
+        for label in located[0].labels if located else ():
+            key = (what, self._measured_s(code, label))
+            if key not in self._of_maps:
+                self._of_maps[key] = float(at_times(key[1])[0]) if key[1] else np.nan
+            if np.isfinite(self._of_maps[key]):
+                known.append((label, self._of_maps[key]))
+        return tuple(known)
 
     def _measured_s(self, code: str, label: str) -> tuple[float, ...]:
         """Say when a component's maps of a thermal state were measured [s]."""
         concerned = (m for m in maps_of_label(self.maps, label) if code in m.tables)
         return tuple(m.measured_at.timestamp() for m in concerned)
-
-    def _late_at(self, signal: Signal, tau_s: float, times_s: tuple[float, ...]) -> float:
-        """Give a signal's low-pass at the first of some times that it had settled at, else NaN."""
-        key = (signal, tau_s, times_s)
-        if key not in self._late_in_maps:
-            lags = self.conditions.lags
-            at_s = [t for t in times_s if lags.record_before_s(signal, t) >= SETTLED * tau_s]
-            late = lags.lagged(signal, tau_s, np.array(at_s[:1]))
-            self._late_in_maps[key] = float(late[0]) if late.size else np.nan
-        return self._late_in_maps[key]
 
     def time_constants_s(self, signal: Signal) -> tuple[float, ...]:
         """List the time constants for which a signal's past is known in the campaign [s]."""

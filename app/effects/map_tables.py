@@ -31,8 +31,10 @@ class MapReading(NamedTuple):
     ----------
     weights : ndarray, shape (n, M)
         By rows of the group's matrix, sum 0; NaN where a temperature is not known.
+    scale
+        The maps' temperatures by which they are read.
     temperatures_c : ndarray, shape (n,) [°C]
-        At which temperature of it.
+        At which temperature of its sensor.
     brackets
         Where that temperature lies among those of the maps.
     is_known : ndarray, shape (n,)
@@ -46,7 +48,7 @@ class MapReading(NamedTuple):
     """
 
     weights: FloatArray
-    sensor: str
+    scale: Scale
     temperatures_c: FloatArray
     brackets: Brackets
     is_known: BoolArray
@@ -70,38 +72,48 @@ class MapReading(NamedTuple):
         )
 
 
-def moved(
-    model: CompiledModel, group: Group, temperatures_c: FloatArray, by_k: FloatArray
+def elsewhere(
+    model: CompiledModel,
+    group: Group,
+    on: Group,
+    temperatures_c: FloatArray,
+    there_c: FloatArray,
+    *,
+    is_followed: bool = False,
 ) -> MapReading:
-    """Give the maps' change when the assigned sensor's temperature is moved.
+    """Give what the maps say at another temperature, minus what they say at the assigned sensor's.
 
     Parameters
     ----------
-    temperatures_c : ndarray, shape (n,) [°C]
-        From where.
-    by_k : ndarray, shape (n,) [K]
-        By how much.
+    on
+        By what the other temperature is read: the group itself, or one component of it on another
+        scale (`Group.on_scale`).
+    temperatures_c, there_c : ndarray, shape (n,) [°C]
+        The assigned sensor's temperatures and the others.
+    is_followed
+        Whether a sensor of its own is followed there.
 
     Returns
     -------
     MapReading
-        Maps at T + by minus maps at T, each as the machine's policy has it: beyond the maps both
-        are held, or extrapolated as far as the table itself. What a table would be refused at is
-        held at the edge of what is allowed.
+        Both as the machine's policy has it: beyond the maps both are held, or extrapolated as far
+        as the table itself. What a table would be refused at is held at the edge of what is
+        allowed.
     """
-    scale = group.scales[0]
-    before = model.brackets(group, scale, temperatures_c)
-    after = model.brackets(group, scale, temperatures_c + by_k)
-    is_known = ~np.isnan(after.weight)
+    assigned, scale = group.scales[0], on.scales[0]
+    before = model.brackets(group, assigned, temperatures_c)
+    after = model.brackets(on, scale, there_c)
+    is_known = ~(np.isnan(before.weight) | np.isnan(after.weight))
     return MapReading(
         # A map that both sides weigh alike drops out, and no longer limits the positions (`added`).
-        added(weights_of(scale, after), -weights_of(scale, before)),
-        scale.sensor,
-        temperatures_c + by_k,
+        added(weights_of(scale, after), -weights_of(assigned, before)),
+        scale,
+        there_c,
         after,
         is_known,
         after.is_refused,
-        (by_k != 0.0) & is_known,
+        is_known if on is not group else is_known & (there_c != temperatures_c),
+        is_followed,
     )
 
 
@@ -112,8 +124,10 @@ def slope(
 
     Parameters
     ----------
-    model, group, temperatures_c, by_k
-        As for `moved`; at a map it is the derivative upwards, beyond the maps that of the last two.
+    temperatures_c : ndarray, shape (n,) [°C]
+        Where: at a map it is the derivative upwards, beyond the maps that of the last two.
+    by_k : ndarray, shape (n,) [K]
+        The step.
     """
     scale = group.scales[0]
     brackets = model.brackets(group, scale, temperatures_c)
@@ -123,44 +137,12 @@ def slope(
     share = np.where(is_known, by_k / spans, np.nan)
     return MapReading(
         of_two_maps(scale, brackets.lower, -share, share),
-        scale.sensor,
+        scale,
         temperatures_c,
         brackets,
         is_known,
         np.zeros(len(temperatures_c), dtype=np.bool_),
         (by_k != 0.0) & is_known,
-    )
-
-
-def exchanged(
-    model: CompiledModel,
-    group: Group,
-    by_other: Group,
-    temperatures_c: FloatArray,
-    others_c: FloatArray,
-) -> MapReading:
-    """Give what the maps say by another sensor minus what they say by the assigned one.
-
-    Parameters
-    ----------
-    by_other
-        One component of it on the other sensor's scale (`Group.on_scale`).
-    temperatures_c, others_c : ndarray, shape (n,) [°C]
-        The assigned sensor's temperatures and the other's.
-    """
-    assigned, other = group.scales[0], by_other.scales[0]
-    before = model.brackets(group, assigned, temperatures_c)
-    after = model.brackets(by_other, other, others_c)
-    is_known = ~(np.isnan(before.weight) | np.isnan(after.weight))
-    return MapReading(
-        added(weights_of(other, after), -weights_of(assigned, before)),
-        other.sensor,
-        others_c,
-        after,
-        is_known,
-        after.is_refused,
-        is_known,
-        is_followed=True,
     )
 
 

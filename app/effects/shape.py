@@ -16,9 +16,9 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.conditions import Conditions
-from app.effects.map_tables import MapReading, exchanged, moved, scale_by, slope
+from app.effects.map_tables import MapReading, elsewhere, scale_by, slope
 from app.thermal.compiled_model import CompiledModel
-from app.thermal.group import Group
+from app.thermal.group import Group, Member
 from app.thermal.map_weights import read_maps
 from app.thermal.resampling import hat_weights
 
@@ -228,13 +228,18 @@ class Sensitivity(OfMaps):
     Parameters
     ----------
     is_local
-        True: the derivative at the present temperature, times the driver. False: the
-        change over the whole stretch of temperature that the driver [K] names, which is
-        right also where a map lies within it.
+        True: the derivative at the present temperature, times the driver. False: E at the
+        temperature that lies by the driver [K] from it, minus E at the present one, which is
+        right also where a map lies between the two.
+    in_maps_k
+        Of a moved temperature: label, and by how much that map's own temperature is moved too [K];
+        0 for maps left out. What follows its sensor late was so far behind it when the map was
+        measured.
     """
 
     name: ClassVar[str] = "sensitivity"
     is_local: bool
+    in_maps_k: tuple[tuple[str, float], ...] = ()
 
     def reading(
         self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
@@ -243,13 +248,33 @@ class Sensitivity(OfMaps):
         located = model.find(component)
         if located is None:
             return None
-        group, _ = located
-        now = conditions.temperature(group.sensor)
-        return (slope if self.is_local else moved)(model, group, now, driver)
+        group, member = located
+        now_c = conditions.temperature(group.sensor)
+        if self.is_local:
+            return slope(model, group, now_c, driver)
+        on: Group | None = group
+        if self.in_maps_k:
+            on = _on_scale(group, member, group.sensor, self._in_maps_c(group))
+        if on is None:
+            return None
+        return elsewhere(model, group, on, now_c, now_c + driver)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
-        """Say that the model lacks the component."""
-        return "" if model.find(component) else f"the model has no {component}"
+        """Say that the model lacks the component, or which two maps cannot be neighbours."""
+        located = model.find(component)
+        if located is None:
+            return f"the model has no {component}"
+        if not self.in_maps_k:
+            return ""
+        return _why_no_neighbours(*located, located[0].sensor, self._in_maps_c(located[0]))
+
+    def _in_maps_c(self, group: Group) -> dict[str, float]:
+        """Give the temperature at which each map is read where the present one is moved [°C]."""
+        scale, by_k = group.scales[0], dict(self.in_maps_k)
+        noted = (
+            (group.labels[r], t) for r, t in zip(scale.rows, scale.temperatures_c, strict=True)
+        )
+        return {label: t + by_k.get(label, 0.0) for label, t in noted}
 
 
 @dataclass(frozen=True)
@@ -279,9 +304,7 @@ class Exchange(OfMaps):
         located = model.find(component)
         if located is None or self.why_missing(model, component):
             return None
-        group, member = located
-        scale = scale_by(group, self.sensor, dict(self.map_temperatures_c))
-        return None if scale is None else group.on_scale(scale, member)
+        return _on_scale(*located, self.sensor, dict(self.map_temperatures_c))
 
     def reading(
         self, model: CompiledModel, component: str, conditions: Conditions, driver: FloatArray
@@ -292,7 +315,8 @@ class Exchange(OfMaps):
             return None
         group, _ = located
         own_c, others_c = (conditions.temperature(s) for s in (group.sensor, self.sensor))
-        return exchanged(model, group, by_other, own_c, others_c).times(driver)
+        reading = elsewhere(model, group, by_other, own_c, others_c, is_followed=True)
+        return reading.times(driver)
 
     def why_missing(self, model: CompiledModel, component: str) -> str:
         """Say which map does not state the other sensor, or which two cannot be neighbours."""
@@ -307,22 +331,39 @@ class Exchange(OfMaps):
                 f"map {lacking[0]!r} was made after the analysis, so what {self.sensor} read "
                 "is not known"
             )
-        in_order = sorted(range(len(group.labels)), key=lambda row: in_maps_c[group.labels[row]])
-        for rows in pairwise(in_order):
-            lower, upper = (group.labels[row] for row in rows)
+        sensor = model.machine.sensor(self.sensor)
+        for lower, upper in pairwise(sorted(group.labels, key=in_maps_c.__getitem__)):
             gap_c = in_maps_c[upper] - in_maps_c[lower]
-            if not model.machine.sensor(self.sensor).resolves(gap_c):
+            if not sensor.resolves(gap_c):
                 return (
                     f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
                     f"{self.sensor}, too close for that sensor to resolve"
                 )
-            low, high = member.common_range(rows)
-            if low >= high:
-                return (
-                    f"maps {lower!r} and {upper!r}, neighbours in the temperature of "
-                    f"{self.sensor}, share no range of positions of {component}"
-                )
-        return ""
+        return _why_no_neighbours(group, member, self.sensor, in_maps_c)
+
+
+def _on_scale(
+    group: Group, member: Member, sensor: str, in_maps_c: Mapping[str, float]
+) -> Group | None:
+    """Put a component by itself on a scale; None where that cannot be."""
+    scale = scale_by(group, sensor, in_maps_c)
+    return None if scale is None else group.on_scale(scale, member)
+
+
+def _why_no_neighbours(
+    group: Group, member: Member, sensor: str, in_maps_c: Mapping[str, float]
+) -> str:
+    """Say which neighbours on a scale have no positions in common, empty where all have."""
+    in_order = sorted(range(len(group.labels)), key=lambda row: in_maps_c[group.labels[row]])
+    for rows in pairwise(in_order):
+        low, high = member.common_range(rows)
+        if low >= high:
+            lower, upper = (group.labels[row] for row in rows)
+            return (
+                f"maps {lower!r} and {upper!r}, neighbours in the temperature of "
+                f"{sensor}, share no range of positions of {member.component.code}"
+            )
+    return ""
 
 
 SHAPES: Final[dict[str, type[Shape]]] = {

@@ -13,12 +13,15 @@ from typing import TypeAlias
 import numpy as np
 
 from app.arrays import BoolArray, FloatArray
-from app.effects.map_tables import moved
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
+from app.effects.shape import Sensitivity
 
 Supposed: TypeAlias = Callable[[Projection, float | None], FloatArray]
 """Gives for a value of the nonlinear parameter what measured minus predicted would be, (n,)."""
+
+InMaps: TypeAlias = Callable[[str, str], tuple[tuple[str, float], ...]]
+"""Gives for a component and its sensor label and temperature difference of maps [K]."""
 
 
 def since(supposed: Supposed) -> Supposed:
@@ -33,13 +36,18 @@ def since(supposed: Supposed) -> Supposed:
     return begun
 
 
-def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray]) -> FloatArray:
+def left_by_temperatures(
+    projection: Projection, by_k: Mapping[str, FloatArray], in_maps_k: InMaps | None = None
+) -> FloatArray:
     """Say what is left where sensors were not as warm as they said.
 
     Parameters
     ----------
     by_k : mapping of sensor to ndarray, shape (n,) [K]
         What is to be added to its reading in each row; NaN where that is not known.
+    in_maps_k
+        Gives for a component and its sensor what is to be added to the temperature of each map too;
+        None: the maps' are right.
 
     Returns
     -------
@@ -50,11 +58,14 @@ def left_by_temperatures(projection: Projection, by_k: Mapping[str, FloatArray])
     for group in model.groups:
         if group.sensor not in by_k:
             continue
-        now_c = projection.conditions.temperature(group.sensor)
-        weights = moved(model, group, now_c, by_k[group.sensor]).weights
         for code in group.codes:
             view = projection.view(code)
-            supposed[view.rows] += view.gains * projection.of_maps(code, weights[view.rows])
+            by_maps = () if in_maps_k is None else in_maps_k(code, group.sensor)
+            reading = Sensitivity(False, by_maps).reading(
+                model, code, view.conditions, by_k[group.sensor][view.rows]
+            )
+            if reading is not None:
+                supposed[view.rows] += view.gains * projection.of_maps(code, reading.weights)
     return supposed
 
 

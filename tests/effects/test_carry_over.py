@@ -245,6 +245,19 @@ def changed_reading(sensor):
     return new_map().temperatures_c[sensor]
 
 
+def test_a_lag_knows_how_late_older_maps_were_and_takes_a_new_one_as_settled():
+    """Also one that has the label of a map that is gone."""
+    in_maps_k = (("Run #1", -1.0), ("Run #3", 0.5), ("Run #9", 7.0))
+    lag = fitted("thermal-lag|")
+    terms = [replace(t, shape=replace(t.shape, in_maps_k=in_maps_k)) for t in lag.terms]
+    codes = {t.component for t in terms}
+    (found,), notes = carry_over(
+        [replace(lag, terms=tuple(terms))], change(new_map(*codes), without=("Run #3",))
+    )
+    assert notes == []
+    assert {t.shape.in_maps_k for t in found.terms} == {(("Run #1", -1.0),)}
+
+
 def test_another_sensor_reads_the_new_map_too():
     effect = fitted("other-sensor|")
     changed = change(new_map(*effect.components))

@@ -1,5 +1,6 @@
 """Values of every kind of effect that can be computed by hand, with their units and signs."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +36,10 @@ from app.effects.shape import (
 )
 from app.effects.term import Term, term_from_json
 from app.geometry.chain import Chain
+from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
+from app.thermal.error_map import ComponentTable
+from app.thermal.map_weights import maps_at, read_maps
 from tests.effects.example_campaign_view import START_S, example_view, machine, maps
 
 HALF = Rising(250.0, 250.0)
@@ -93,6 +97,55 @@ def test_a_lag_beyond_the_maps(t_c, lag_c, total):
     term = Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False))
     added = value(term, moment(x_middle=t_c, lags=settled(signal, 600.0, lag_c)))
     assert min(max(t_c, 20.0), 30.0) - 20.0 + added == pytest.approx(total)
+
+
+@pytest.mark.parametrize(("share", "total"), [(1.0, 6.25), (0.5, 6.125)])
+def test_a_late_structure_is_read_by_maps_that_it_was_late_in(share, total):
+    """EXX is 0, 4, 10 µm at the end of travel in maps at 20, 24, 30 °C; in the second 2 K late.
+
+    At 26 °C, one kelvin late: E by 20, 22, 30 °C at 25 °C.
+    """
+    signal = Signal("temperature", "x-middle")
+    shape = Sensitivity(is_local=False, in_maps_k=(("Run #3", -2.0),))
+    term = Term("EXX", Behind("x-middle", 600.0), shape, share)
+    here = moment(x_middle=26.0, lags=settled(signal, 600.0, 25.0))
+    assert 6.0 + value(term, here) == pytest.approx(total)
+    assert term_from_json(json.loads(json.dumps(term.to_json()))) == term
+
+
+def test_what_expands_evenly_and_late_is_put_right_by_maps_that_were_measured_late():
+    """3 µm/K of T′, in the maps as at any other time: all of it is told."""
+    t_c, in_maps_k = np.array([20.0, 24.0, 30.0]), np.array([0.0, -2.5, 0.5])
+
+    def error(t, behind):
+        return 3.0 * (t + behind)
+
+    own = [
+        replace(m, tables={"EXX": ComponentTable.make(COMPONENTS["EXX"], [e, e], [0.0, 500.0])})
+        for m, e in zip(maps(), error(t_c, in_maps_k), strict=True)
+    ]
+    model = compile_model(machine(), own, {"EXX": "x-middle"})
+    labels = [m.label for m in own]
+    shape = Sensitivity(False, tuple(zip(labels, in_maps_k.tolist(), strict=True)))
+    term = Term("EXX", Behind("x-middle", 600.0), shape)
+    signal = Signal("temperature", "x-middle")
+    places = Places(np.array([100.0]), np.zeros(1))
+    for now_c, late_c in ((26.0, 24.0), (23.0, 24.5), (28.0, 26.0), (22.0, 22.0)):
+        here = moment(x_middle=now_c, lags=settled(signal, 600.0, late_c))
+        said = read_maps(
+            *model.find("EXX"),
+            maps_at(model, model.find("EXX")[0], here.temperatures_c, 1).weights,
+            *places,
+        )
+        total = said + term.at(model, places, here)
+        assert total.item() == pytest.approx(error(now_c, late_c - now_c))
+
+
+def test_a_lag_that_was_stored_before_maps_were_late_reads_them_as_they_are():
+    term = Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False), 0.7)
+    stored = term.to_json()
+    assert stored["shape"].pop("in_maps_k") == ()
+    assert term_from_json(stored) == term
 
 
 def test_another_sensor_reads_the_same_maps():

@@ -146,16 +146,27 @@ def test_what_was_late_in_the_maps_is_what_the_record_knows_of_it():
     within = CampaignView(where.model, measured, where.rows, where.conditions)
     at_once = within.beyond_maps("EXX", "spindle", "y-front")
     late = within.late_beyond_maps("EXX", at_once, tau_s)
-    (_, first), (_, second), (_, third) = late.in_maps_c
-    spindle, front = (
-        where.conditions.lags.lagged(Signal("temperature", name), tau_s, at_s[:2])
-        for name in ("spindle", "y-front")
-    )
-    assert [first, second] == pytest.approx((spindle - front).tolist())
-    # The third map is older than the record: 50 − 29 K is what it states, and had settled.
-    assert third == at_once.in_maps_c[2][1] == 50.0 - 29.0
+    behind = {
+        name: where.conditions.lags.lagged(signal, tau_s, at_s[:2])
+        - where.conditions.lags.at(signal, at_s[:2])
+        for name in ("spindle", "y-front", "x-middle")
+        for signal in [Signal("temperature", name)]
+    }
+    late_k, at_once_k = (np.array(driver.in_maps_c)[:, 1] for driver in (late, at_once))
+    by_k = (late_k - at_once_k).tolist()
+    assert by_k[:2] == pytest.approx((behind["spindle"] - behind["y-front"]).tolist())
+    # The third map is older than the record: what it states had settled.
+    assert by_k[2] == 0.0
     assert late.time_constant_s == tau_s
     assert where.late_beyond_maps("EXX", at_once, tau_s) == replace(at_once, time_constant_s=tau_s)
+    # What follows its own sensor late was as late.
+    lag = next(
+        h for h in kind_of("thermal-lag").candidates(within).hypotheses if h.components == ("EXX",)
+    )
+    ((term,),) = lag.unit_terms(tau_s)
+    labels = [m.label for m in where.maps]
+    assert [label for label, _ in term.shape.in_maps_k] == labels[:2]
+    assert [k for _, k in term.shape.in_maps_k] == pytest.approx(behind["x-middle"].tolist())
 
 
 def test_differences_of_many_sensors_are_not_tried_late():

@@ -1,6 +1,7 @@
 """People's mistakes: each leaves in the rows what right data would say, less what was noted."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
 from tests.effects.example_campaign_view import (
     ASSIGNMENT,
+    START_S,
     example_view,
     machine,
     maps,
@@ -238,6 +240,34 @@ def test_clocks_apart_leave_what_all_sensors_read_then(view, by_min):
     late = column(view, proposed(view, "late-sensor", sensors=("x-middle",)), by_min * 60.0)
     np.testing.assert_array_equal(late[rows], left[rows])
     assert not late[view.rows.of_channel("EZZ")].any()
+
+
+def test_a_sensor_that_reports_late_did_so_in_the_maps(view):
+    """The right clock leaves what the late sensor leaves, but for maps that it was late in."""
+    by_s, at_s = 3600.0, START_S + 2.0 * 86400.0
+    measured = [replace(view.maps[0], measured_at=datetime.fromtimestamp(at_s, UTC))]
+    within = CampaignView(view.model, [*measured, *view.maps[1:]], view.rows, view.conditions)
+    late = column(within, proposed(within, "late-sensor", sensors=("x-middle",)), by_s)
+    before_c, after_c = (temperatures(np.array([at_s + d]))["x-middle"].item() for d in (0.0, by_s))
+    right = [
+        replace(m, temperatures_c=m.temperatures_c | {"x-middle": m.temperatures_c["x-middle"] + k})
+        for m, k in zip(view.maps, (after_c - before_c, 0.0, 0.0), strict=True)
+    ]
+    rows = view.rows.of_channel("EXX")
+    then_c = temperatures(view.rows.times_s + by_s)["x-middle"]
+    then = replace(
+        view.conditions, temperatures_c=dict(view.conditions.temperatures_c) | {"x-middle": then_c}
+    )
+    model = compile_model(machine(), right, ASSIGNMENT)
+    supposed = compute_residuals(model, view.rows, then).predicted - predicted(view, view.maps)
+    np.testing.assert_allclose(late[rows], supposed[rows], atol=5e-3)
+
+
+def test_all_sensors_as_late_as_each_other_leave_what_another_clock_does(view):
+    """Where the maps are from before the record nothing tells the two apart."""
+    sensors = tuple(view.components_by_sensor)
+    late = column(view, proposed(view, "late-sensor", sensors=sensors), 1200.0)
+    np.testing.assert_array_equal(late, column(view, proposed(view, "clock-offset"), 1200.0))
 
 
 def test_rows_whose_readings_end_too_early_are_moved_as_far_as_is_known(view):

@@ -18,7 +18,7 @@ from app.effects.kinds.sensor_fault import BIAS, SensorFault
 from app.effects.kinds.step import is_after_change
 from app.effects.map_tables import maps_of_label, temperatures_of_maps
 from app.effects.registry import kind_of
-from app.effects.shape import Exchange
+from app.effects.shape import Exchange, Sensitivity
 from app.effects.term import Term
 from app.errors import list_names
 from app.thermal.compiled_model import CompiledModel
@@ -116,8 +116,8 @@ def _is_mixed(effect: Effect, code: str, change: Change) -> bool:
 
 
 def _why_unread(term: Term, change: Change) -> str:
-    """Say why the maps cannot be read by another sensor, empty where they can."""
-    if not isinstance(term.shape, Exchange) or change.after.find(term.component) is None:
+    """Say why the maps cannot be read at other temperatures, empty where they can."""
+    if change.after.find(term.component) is None:
         return ""
     return term.shape.why_missing(change.after, term.component)
 
@@ -155,6 +155,11 @@ def _updated(term: Term, change: Change) -> Term | None:
         shape = Exchange.of(shape.sensor, in_maps_c)
         if len(in_maps_c) < len(located[0].labels):
             return None
+    elif isinstance(shape, Sensitivity):
+        # Of a new map it is not known here: it counts as measured when all had settled.
+        stay = set(located[0].labels) - {m.label for m in change.new_maps}
+        in_maps_k = tuple((label, k) for label, k in shape.in_maps_k if label in stay)
+        shape = replace(shape, in_maps_k=in_maps_k)
     if isinstance(driver, BeyondMaps):
         of_maps = beyond_maps(
             change.after, change.maps, term.component, driver.sensor, driver.minus

@@ -114,8 +114,7 @@ def read_beyond_maps(
     located = model.find(term.component)
     if located is None or isinstance(term.shape, Exchange):
         return
-    scale = located[0].scales[0]
-    ends_c = (scale.temperatures_c[0], scale.temperatures_c[-1])
+    ends_c = (reading.scale.temperatures_c[0], reading.scale.temperatures_c[-1])
     for status in _OUTSIDE:
         there = np.flatnonzero(use & reading.is_read & (reading.status == status))
         if there.size:
@@ -123,7 +122,7 @@ def read_beyond_maps(
             yield ReadBeyondMaps(
                 effect,
                 term.component,
-                reading.sensor,
+                reading.scale.sensor,
                 float(reading.temperatures_c[there[int(np.argmax(beyond_c))]]),
                 ends_c,
                 status,

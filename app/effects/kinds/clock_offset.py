@@ -17,7 +17,7 @@ from app.effects.hypothesis import WHOLE, Hypothesis, Nonlinear
 from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
 from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
-from app.effects.supposition import left_by_temperatures, since
+from app.effects.supposition import InMaps, left_by_temperatures, since
 from app.effects.words import TWO_ERRORS, components
 from app.units import SECONDS_PER_MIN, date_text, plus_minus
 
@@ -157,9 +157,18 @@ def _since(effect: Effect) -> str:
 
 
 def later_readings(
-    sensors: tuple[str, ...], projection: Projection, by_s: float | None
+    sensors: tuple[str, ...],
+    projection: Projection,
+    by_s: float | None,
+    in_maps_k: InMaps | None = None,
 ) -> FloatArray:
-    """Say what is left where sensors should have been read some time later [s]."""
+    """Say what is left where sensors should have been read some time later [s].
+
+    Parameters
+    ----------
+    in_maps_k
+        What they would have read more in the maps, too; None: those have the right temperatures.
+    """
     conditions = projection.conditions
     return left_by_temperatures(
         projection,
@@ -167,6 +176,7 @@ def later_readings(
             s: _as_far_as_known(conditions, s, by_s or 0.0) - conditions.temperature(s)
             for s in sensors
         },
+        in_maps_k,
     )
 
 

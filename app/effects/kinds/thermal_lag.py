@@ -8,11 +8,11 @@ from typing import ClassVar, Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
-from app.effects.driver import Always, Behind
+from app.effects.driver import Behind
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposals, time_constants_s, together_and_each
-from app.effects.shape import Exchange, Sensitivity
+from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, is_whole, parameter, verb
 from app.errors import list_names
@@ -106,17 +106,12 @@ def _hypothesis(
 def _terms(
     view: CampaignView, sensor: str, codes: tuple[str, ...], theta: float | None
 ) -> Amplitudes:
-    """Read the maps at the late temperature, and let each be as warm as it was late.
-
-    With t what the sensor reads and t′ the same late, E by maps at their own t′ read at t′ is what
-    they say at t (E by maps at t), plus what they say more at t′, plus what the maps' own places
-    change; the last is taken at t, which is right to first order.
-    """
+    """Read the maps at the late temperature, each where it was itself as late."""
     tau_s = float(theta or 0.0)
     behind = Behind(sensor, tau_s)
-    terms = [Term(code, behind, Sensitivity(is_local=False)) for code in codes]
-    for code in codes:
-        late_c = view.late_in_maps(code, sensor, tau_s)
-        if late_c is not None:
-            terms.append(Term(code, Always(), Exchange.of(sensor, late_c)))
-    return [terms]
+    return [
+        [
+            Term(code, behind, Sensitivity(False, view.behind_in_maps(code, sensor, tau_s)))
+            for code in codes
+        ]
+    ]
