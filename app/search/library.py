@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, islice
@@ -140,6 +140,13 @@ class Library:
             counts = [len(self.problem.fixed[c].channel.starts) for c in batch.channels]
             most_blocks[batch.entries] = max(counts)
         return most_blocks
+
+    def acts_on(self, channels: Collection[int]) -> BoolArray:
+        """Say which entries act on any of some channels, shape (entries,)."""
+        acting = np.zeros(len(self.entries), dtype=bool)
+        for batch in self.batches:
+            acting[batch.entries] = not set(channels).isdisjoint(batch.channels)
+        return acting
 
     @cached_property
     def testable(self) -> BoolArray:

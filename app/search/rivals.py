@@ -33,9 +33,7 @@ def find_rivals(selector: Selector, terms: Sequence[Term], number: int) -> list[
         The closest first; of the term's own family only members that are tied.
     """
     term, others = terms[number], [t for i, t in enumerate(terms) if i != number]
-    score = np.where(
-        selector.beside(others), selector.scan(others).ratio - selector.penalty, -np.inf
-    )
+    score = _score(selector, term, others)
     base = selector.fit(others).log_likelihood
     term_evidence = selector.evidence(term, others, base)
     level = selector.fit([*others, term]).log_likelihood
@@ -157,9 +155,7 @@ def _with_offset(
     level, base = (selector.fit(terms).log_likelihood for terms in (beside, others))
     count = sum(state.count for state in selector.states.values())
     gain = 2.0 * (level - base) - offset.size * float(np.log(count))
-    score = np.where(
-        selector.beside(beside), selector.scan(beside).ratio - selector.penalty, -np.inf
-    )
+    score = _score(selector, term, beside)
     tied = {rival.key for rival, _ in pairs if rival.tied}
     closest: dict[str, tuple[Rival, Term]] = {}
     tried = Counter[str]()
@@ -167,11 +163,10 @@ def _with_offset(
         candidate = selector.library.candidates[selector.library.entries[entry].candidate]
         if candidate is term.candidate or candidate.key in tied or candidate.family in closest:
             continue
-        rival = selector.library.term(entry)
-        tried[candidate.family] += bool(set(rival.columns) & set(term.columns))
-        if tried[candidate.family] > OF_A_FAMILY or not set(rival.columns) & set(term.columns):
+        tried[candidate.family] += 1
+        if tried[candidate.family] > OF_A_FAMILY:
             continue
-        rival = selector.refined(rival, beside)
+        rival = selector.refined(selector.library.term(entry), beside)
         evidence = selector.evidence(rival, beside, level)
         behind = term_evidence - gain - evidence
         # Where the constant alone does it, whatever is tried beside it is no rival.
@@ -212,6 +207,16 @@ def alias_share(selector: Selector, term: Term, rival: Term, others: Sequence[Te
     reach = conditional[k:, :k] @ a
     reproduced = float(reach @ inverse(conditional[k:, k:]) @ reach)
     return float(np.clip(reproduced / signal, 0.0, 1.0)) if signal > 0 else 0.0
+
+
+def _score(selector: Selector, term: Term, beside: Sequence[Term]) -> FloatArray:
+    """Give the evidence of each entry beside other terms, shape (entries,).
+
+    −∞ of what acts on other channels than the term: it explains none of the term's values, however
+    good it is where it acts.
+    """
+    may_explain = selector.beside(beside) & selector.library.acts_on(term.channels)
+    return np.where(may_explain, selector.scan(beside).ratio - selector.penalty, -np.inf)
 
 
 def _candidates(

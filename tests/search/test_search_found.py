@@ -150,6 +150,22 @@ def test_nearly_equal_candidates_are_tied():
     assert all(t.alias_share > 0.9 for k, t in tied.items() if k.startswith("other"))
 
 
+def test_what_acts_on_other_channels_is_no_rival():
+    """A gradient of the column was refused beside a drift of an axis that it does not touch."""
+    campaign = make_campaign(26, visits=16)
+    candidates = [
+        single(campaign, "bend", "gradient", 0, lambda _: campaign.temperature),
+        single(campaign, "load", "speed", 0, lambda _: campaign.speed),
+        single(campaign, "wear", "drift", 1, lambda _: campaign.time),
+    ]
+    planted = [
+        scaled(driver, campaign, channel, size)
+        for driver, channel, size in [(campaign.temperature, 0, 3.0), (campaign.time, 1, 1.0)]
+    ]
+    terms = {t.key: t for t in found_in(campaign.plus(sum(planted)), candidates).terms}
+    assert [rival.key for rival in terms["bend"].rivals] == ["load"]
+
+
 @pytest.mark.slow
 def test_rivals_of_every_family_come_with_evidence():
     campaign = make_campaign(27, visits=20)
