@@ -2,12 +2,13 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from app.api.schemas.campaigns import campaign_of_bodies
-from app.identification.analysis.advice import summary, what_next
+from app.identification.analysis.advice import mistakes_first, summary, what_next, what_to_do
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import asked_again, left_out_words
@@ -185,3 +186,37 @@ def test_visits_at_one_hour_of_the_day_are_said_to_tell_nothing_of_others():
     assert "between 09:30 and 09:30 UTC" in words
     (words,) = what_next((), (), visits=30, times_s=morning_s + 9000.0 * np.arange(12.0))
     assert words.startswith("Nothing needs to be done")
+
+
+def test_what_is_left_far_above_the_scatter_is_no_reason_to_do_nothing():
+    """Eight visits of a spindle's growth were “nothing found”, and nothing was to be done."""
+    component = SimpleNamespace(component="EZZ", unit="µm", noise=0.67, shown_rms=(1.76, 1.76))
+    (words,) = what_next((), (), visits=30, components=[component])
+    assert words.startswith("EZZ keeps 1.76 µm where one observation scatters by 0.67 µm")
+    component.shown_rms = (1.3, 1.3)
+    (words,) = what_next((), (), visits=30, components=[component])
+    assert words.startswith("Nothing needs to be done")
+
+
+@pytest.mark.parametrize(
+    ("status", "is_proxy", "tied", "is_first"),
+    [
+        ("suspected", False, "instrument-compensation", True),
+        ("suspected", False, "other-sensor", False),
+        ("suspected", True, "instrument-compensation", False),
+        ("not-confirmable", False, "instrument-compensation", False),
+    ],
+)
+def test_people_are_sent_to_the_instrument_only_where_nothing_else_speaks_against_it(
+    status, is_proxy, tied, is_first
+):
+    effect = SimpleNamespace(
+        kind="instrument-compensation",
+        status=status,
+        is_proxy=is_proxy,
+        doubts=(),
+        ties=(SimpleNamespace(kind=tied),),
+        effect=SimpleNamespace(sensors=("bed",)),
+    )
+    assert bool(mistakes_first([effect])) is is_first
+    assert bool(what_to_do(effect)) is is_first

@@ -89,9 +89,9 @@ class InstrumentCompensation(EffectKind):
         )
     }
     not_adopted: ClassVar[str] = (
-        "as far as anybody can tell, it comes from the instrument: a machine's scales have "
-        "temperatures of their own and hardly all expand alike with one, and the air of a "
-        "laser's path does not reach a machined part"
+        "the instrument may show it as well as the machine, and nothing of the instrument may "
+        "come into the tables: a machine's scales have temperatures of their own and hardly all "
+        "expand alike with one, and the air of a laser's path does not reach a machined part"
     )
 
     def propose(self, view: CampaignView) -> Proposals:

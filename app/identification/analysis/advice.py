@@ -14,6 +14,7 @@ from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
 from app.identification.analysis.figures import ComponentFigures, Figures
 from app.identification.analysis.found_effect import Alternative, FoundEffect, RefittedEffect
+from app.identification.analysis.not_judged import LARGER
 from app.identification.analysis.shown_by_few import hours_of_day
 from app.identification.residuals.residuals import BEYOND_THE_MAPS, LeftOut
 from app.search.findings import Status
@@ -202,6 +203,7 @@ def what_next(
     far: Sequence[FarValue] = (),
     to_state: Sequence[str] = (),
     *,
+    components: Sequence[ComponentFigures] = (),
     is_short_of_visits: bool = False,
     is_cut: bool = False,
     times_s: FloatArray | None = None,
@@ -214,6 +216,8 @@ def what_next(
         Values that were left out because they are far from the others.
     to_state
         What verifications should state instead.
+    components
+        Figures of each.
     is_short_of_visits
         Whether something could not be looked for because of too few visits.
     is_cut
@@ -238,8 +242,22 @@ def what_next(
         )
     steps += to_state
     if not steps:
+        steps += _left_to_set_ups(components)
+    if not steps:
         steps.append("Nothing needs to be done. Measure again once the machine may have worn.")
     return tuple(dict.fromkeys(steps))
+
+
+def _left_to_set_ups(components: Sequence[ComponentFigures]) -> list[str]:
+    """Name the components that keep much more than one observation scatters by."""
+    return [
+        f"{component.component} keeps {left:.3g} {component.unit} where one observation scatters "
+        f"by {component.noise:.2g} {component.unit}: that differs from set-up to set-up, and "
+        "follows nothing that was recorded. Measure it in more set-ups, and record what else "
+        "changes there."
+        for component in components
+        if (left := component.shown_rms[1]) > LARGER * component.noise
+    ]
 
 
 def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:
@@ -256,29 +274,34 @@ def _look_at(unexplained: Sequence[UnexplainedPart]) -> list[str]:
 
 
 def mistakes_first(effects: Sequence[FoundEffect]) -> list[str]:
-    """Say how to put the mistakes right that are sure: all else is to be judged anew after it.
-
-    Those that are never sure are to be looked at first too.
-    """
+    """Say how to put the mistakes right that are sure: all else is to be judged anew after it."""
     return [
         what_to_do(effect)
         for effect in effects
-        if (kind := kind_of(effect.kind)).not_adopted
-        and (effect.status == Status.CONFIRMED or kind.never_sure)
+        if kind_of(effect.kind).not_adopted and _is_as_sure_as_can_be(effect)
     ]
+
+
+def _is_as_sure_as_can_be(effect: FoundEffect) -> bool:
+    """Whether an effect is confirmed, or would be, if its kind ever could be."""
+    if not kind_of(effect.kind).never_sure:
+        return effect.status == Status.CONFIRMED
+    speaks_against = effect.is_proxy or effect.doubts
+    other_kinds = (rival for rival in effect.ties if rival.kind != effect.kind)
+    return effect.status == Status.SUSPECTED and not speaks_against and not any(other_kinds)
 
 
 def what_to_do(effect: FoundEffect) -> str:
     """Say what to do about an effect, in a sentence; empty where nothing need be done.
 
     Of one whose name is not sure it is said under that condition: nobody swaps plugs on a
-    suspicion. Of a kind that is never sure it is how to find out.
+    suspicion. What can never be confirmed has no such condition: it is said or not.
     """
     kind = kind_of(effect.kind)
     words = kind.what_to_do(effect.effect)
-    if not words or effect.status == Status.CONFIRMED or kind.never_sure:
+    if not words or _is_as_sure_as_can_be(effect):
         return words
-    return f"If it is confirmed, {words[:1].lower()}{words[1:]}"
+    return "" if kind.never_sure else f"If it is confirmed, {words[:1].lower()}{words[1:]}"
 
 
 def from_rival(effect: Named, rival: Named, number: int | None = None) -> str:

@@ -337,6 +337,7 @@ def _answer(
         what_next=what_next(
             *(described, unexplained, finished.residuals.rows.visits, far),
             [*filter(None, (to_see, denied.to_state if denied else ""))],
+            components=components,
             is_short_of_visits=any(
                 untested_.reason == FEW_VISITS for untested_ in findings.untested
             ),

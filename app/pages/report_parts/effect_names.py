@@ -145,6 +145,8 @@ def adoption_text(effect: FoundEffect) -> str:
     """Say in sentences whether an effect is adopted, and what to do about one that never is."""
     if reason := kind_of(effect.kind).not_adopted:
         what_to_do = advice.what_to_do(effect)
+        if not what_to_do:
+            return f"It is never adopted: {reason}."
         if kind_of(effect.kind).never_sure:
             return f"It is never adopted: {reason}. {what_to_do}"
         return f"It is never adopted; correct it at its source: {reason}. {what_to_do}"
