@@ -639,6 +639,16 @@ def test_what_a_mistake_may_have_made_waits_until_it_is_corrected(
     assert helps or is_refused(said.helps[0], f"{BESIDE_A_MISTAKE}: {kind_of(mistake).text}")
 
 
+def test_a_mistakes_figures_are_those_without_and_with_it():
+    """They were the other way round: with 10 µm of wrong sign “from 1.24 to 14.9”."""
+    rows = campaign()
+    right, made = swinging(rows), 2.0 * np.cos(rows.visit * 2.1)
+    kinds, terms = ("thermal-lag", "clock-offset"), (term(), term())
+    said = judgement(right + made, right, made, kinds=kinds, terms=terms, sensors=("x-middle",))
+    figures = said.helps[1].why_not.partition("would go from ")[2].split()
+    assert float(figures[0]) > float(figures[2])
+
+
 def test_what_is_no_surer_than_a_mistake_waits_for_it_too():
     rows = campaign()
     right, made = swinging(rows), swinging(rows)[::-1]

@@ -472,8 +472,15 @@ def shakes(mistake: Effect, effect: Effect, shared: Collection[int]) -> bool:
 
 
 def _would_leave(finished: FinishedSearch, number: int, effect: Effect, taken: FloatArray) -> str:
-    """Say what held-out set-ups would be left with by a refused effect beside what is adopted."""
+    """Say what held-out set-ups would be left with by a refused effect beside what is adopted.
+
+    Parameters
+    ----------
+    taken : ndarray, shape (n,)
+        What is foretold by all that is adopted, and by all mistakes: also by this one, if it is.
+    """
     part = finished.foretold(number)
+    beside = taken - part if kind_of(effect.kind).not_adopted else taken
     predicted = finished.use & np.isfinite(finished.findings.adopted) & (part != 0.0)
     names = finished.residuals.rows.channels
     channels = finished.own_channels(effect, finished.findings.terms[number])
@@ -481,6 +488,6 @@ def _would_leave(finished: FinishedSearch, number: int, effect: Effect, taken: F
     chosen = predicted & np.isin(finished.rows.channel, channels)
     if len(units) != 1 or not chosen.any():
         return ""
-    sizes = (size_left(finished, prediction, chosen) for prediction in (taken, taken + part))
+    sizes = (size_left(finished, prediction, chosen) for prediction in (beside, beside + part))
     before, after = (f"{size:.3g}" for size in sizes)
     return f"; with it held-out set-ups would go from {before} to {after} {units.pop().symbol}"
