@@ -24,7 +24,7 @@ def test_what_cannot_be_reckoned_with_is_refused(text):
     with pytest.raises(ValueError):
         read_time(text)
     with pytest.raises(typer.BadParameter, match="expected a time with its zone"):
-        read_option(text, "--from")
+        read_option(text)
     with pytest.raises(Unusable, match="expected a time as ISO 8601"):
         time_at({"t": text}, JsonPath.parse("t"), TimeForm.ISO_8601)
 

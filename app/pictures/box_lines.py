@@ -73,7 +73,7 @@ def box_edges(volume: WorkVolume, field: ErrorField | None = None) -> list[Float
     --------
     >>> lathe = WorkVolume((0.0, 200.0), (0.0, 0.0), (0.0, 400.0))
     >>> box_edges(lathe)[0].tolist()
-    [(0.0, 0.0, 0.0), [200.0, 0.0, 0.0]]
+    [[0.0, 0.0, 0.0], [200.0, 0.0, 0.0]]
     >>> len(box_edges(lathe))
     4
     """

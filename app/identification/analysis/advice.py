@@ -216,8 +216,6 @@ def what_next(
         Values that were left out because they are far from the others.
     to_state
         What verifications should state instead.
-    components
-        Figures of each.
     is_short_of_visits
         Whether something could not be looked for because of too few visits.
     is_cut
