@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar, Final, NamedTuple
 
@@ -253,6 +253,8 @@ class Sensitivity(OfMaps):
         if self.is_local:
             return slope(model, group, now_c, driver)
         on: Group | None = group
+        if self.why_missing(model, component):
+            return None
         if self.in_maps_k:
             on = _on_scale(group, member, group.sensor, self._in_maps_c(group))
         if on is None:
@@ -266,7 +268,12 @@ class Sensitivity(OfMaps):
             return f"the model has no {component}"
         if not self.in_maps_k:
             return ""
-        return _why_no_neighbours(*located, located[0].sensor, self._in_maps_c(located[0]))
+        group, member = located
+        return _why_no_neighbours(model, group, member, group.sensor, self._in_maps_c(group))
+
+    def readable(self, model: CompiledModel, component: str) -> Sensitivity:
+        """Leave the maps at their own temperatures where these, moved, could not be told apart."""
+        return replace(self, in_maps_k=()) if self.why_missing(model, component) else self
 
     def _in_maps_c(self, group: Group) -> dict[str, float]:
         """Give the temperature at which each map is read where the present one is moved [°C]."""
@@ -331,15 +338,7 @@ class Exchange(OfMaps):
                 f"map {lacking[0]!r} was made after the analysis, so what {self.sensor} read "
                 "is not known"
             )
-        sensor = model.machine.sensor(self.sensor)
-        for lower, upper in pairwise(sorted(group.labels, key=in_maps_c.__getitem__)):
-            gap_c = in_maps_c[upper] - in_maps_c[lower]
-            if not sensor.resolves(gap_c):
-                return (
-                    f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
-                    f"{self.sensor}, too close for that sensor to resolve"
-                )
-        return _why_no_neighbours(group, member, self.sensor, in_maps_c)
+        return _why_no_neighbours(model, group, member, self.sensor, in_maps_c)
 
 
 def _on_scale(
@@ -351,14 +350,28 @@ def _on_scale(
 
 
 def _why_no_neighbours(
-    group: Group, member: Member, sensor: str, in_maps_c: Mapping[str, float]
+    model: CompiledModel,
+    group: Group,
+    member: Member,
+    sensor: str,
+    in_maps_c: Mapping[str, float],
 ) -> str:
-    """Say which neighbours on a scale have no positions in common, empty where all have."""
+    """Say which two maps cannot be neighbours on a scale, empty where all can.
+
+    Those that the sensor cannot tell apart, and those that have no positions in common.
+    """
+    resolves = model.machine.sensor(sensor).resolves
     in_order = sorted(range(len(group.labels)), key=lambda row: in_maps_c[group.labels[row]])
     for rows in pairwise(in_order):
+        lower, upper = (group.labels[row] for row in rows)
+        gap_c = in_maps_c[upper] - in_maps_c[lower]
+        if not resolves(gap_c):
+            return (
+                f"maps {lower!r} and {upper!r} are only {gap_c:.2g} °C apart at "
+                f"{sensor}, too close for that sensor to resolve"
+            )
         low, high = member.common_range(rows)
         if low >= high:
-            lower, upper = (group.labels[row] for row in rows)
             return (
                 f"maps {lower!r} and {upper!r}, neighbours in the temperature of "
                 f"{sensor}, share no range of positions of {member.component.code}"

@@ -61,9 +61,8 @@ def left_by_temperatures(
         for code in group.codes:
             view = projection.view(code)
             by_maps = () if in_maps_k is None else in_maps_k(code, group.sensor)
-            reading = Sensitivity(False, by_maps).reading(
-                model, code, view.conditions, by_k[group.sensor][view.rows]
-            )
+            shape = Sensitivity(False, by_maps).readable(model, code)
+            reading = shape.reading(model, code, view.conditions, by_k[group.sensor][view.rows])
             if reading is not None:
                 supposed[view.rows] += view.gains * projection.of_maps(code, reading.weights)
     return supposed

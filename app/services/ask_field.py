@@ -289,7 +289,7 @@ def volume_of(volume: WorkVolume) -> dict[str, Travel]:
 def check_travel(machine: Machine, axis: str, range_mm: Range, field: str) -> None:
     """Refuse a range of positions that leaves an axis' stated travel."""
     travel = machine.axes.get(axis)
-    if travel and not travel.min_mm <= range_mm[0] <= range_mm[1] <= travel.max_mm:
+    if travel and not travel.holds(*range_mm):
         raise InvalidContent.of_field(
             field,
             f"expected {axis} within the axis' travel of {travel.min_mm:g} to "

@@ -254,14 +254,14 @@ def _doubted_errors(version: ModelVersion | None, error_map: ErrorMap) -> list[s
         else:
             remarks.append(
                 f"{list_names(codes)} would fit the maps beside it {mistake.factor:.4g} times as "
-                "large: in which unit was it measured?"
+                "large: are these errors in the unit that is stated?"
             )
     for label, codes in inexplicable(error_map, others, version.assignment).items():
         others_codes = [code for code in codes if code not in doubted]
         if others_codes:
             remarks.append(
-                f"{list_names(others_codes)} differs from map {label!r} by more than the "
-                "temperatures explain: are errors, unit, axis and temperatures right?"
+                f"more than temperatures explain lies between this map and map {label!r} in "
+                f"{list_names(others_codes)}: are errors, unit, axis and temperatures right?"
             )
     return remarks
 

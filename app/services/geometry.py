@@ -232,8 +232,7 @@ def _outside_travel(machine: Machine, points_mm: FloatArray) -> NDArray[np.intp]
     for i, axis in enumerate(LINEAR_LETTERS):
         travel = machine.axes.get(axis)
         if travel is not None:
-            along = points_mm[:, i]
-            outside |= (along < travel.min_mm) | (along > travel.max_mm)
+            outside |= travel.beyond(points_mm[:, i])
         elif axis not in machine.chain.axes:
             outside |= points_mm[:, i] != 0.0
     return np.flatnonzero(outside)

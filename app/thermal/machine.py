@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -19,6 +20,7 @@ from pydantic import (
 )
 
 from app.answer import Answer
+from app.arrays import BoolArray, FloatArray
 from app.errors import InvalidContent, UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
@@ -74,8 +76,12 @@ class Travel(Answer, published_as="TravelSchema", stated=True):
         >>> Travel(0.0, 600.0).holds(0.0, 23.62205 * 25.4), Travel(0.0, 600.0).holds(600.1)
         (True, False)
         """
-        least, most = min(positions_mm), max(positions_mm)
-        return self.min_mm - ROUNDING_MM <= least and most <= self.max_mm + ROUNDING_MM
+        return not self.beyond(np.array(positions_mm)).any()
+
+    def beyond(self, positions_mm: FloatArray) -> BoolArray:
+        """Say of each position whether it is off the axis, by more than the rounding."""
+        least_mm, most_mm = self.min_mm - ROUNDING_MM, self.max_mm + ROUNDING_MM
+        return (positions_mm < least_mm) | (positions_mm > most_mm)
 
     def unit_meant(self, positions_mm: Collection[float]) -> str | None:
         """Say in which unit positions of this axis must have been meant; None: in mm.
@@ -195,12 +201,16 @@ def sensors_by_name(sensors: list[Sensor]) -> dict[str, Sensor]:
 def _with_usual_stand_ins(sensors: Any) -> Any:
     """State the stand-in of a sensor that usually has one, where nothing is stated of it."""
     stated = [s for s in sensors if isinstance(s, dict)] if isinstance(sensors, list) else []
-    names = [sensor.get("name") for sensor in stated]
-    usual = {name: DEFAULT_STAND_INS[name] for name in names if name in DEFAULT_STAND_INS}
+    names = [name for sensor in stated if isinstance(name := sensor.get("name"), str)]
+    usual = {
+        name: stand_in
+        for name, stand_in in DEFAULT_STAND_INS.items()
+        if {name, stand_in} <= {*names}
+    }
     return (
         [
             {"stand_in": usual[sensor["name"]], **sensor}
-            if isinstance(sensor, dict) and usual.get(sensor.get("name")) in names
+            if isinstance(sensor, dict) and str(sensor.get("name")) in usual
             else sensor
             for sensor in sensors
         ]
@@ -229,7 +239,7 @@ else:
     ]
     """Stated and answered as a list."""
 
-_EXAMPLE = {
+EXAMPLE = {
     "id": "mcfv5050",
     "name": "MCFV5050LN",
     "configuration": "XYFZ",
@@ -243,7 +253,7 @@ _EXAMPLE = {
 
 
 @dataclass(frozen=True, slots=True)
-class Machine(Answer, published_as="MachineSettings", stated=True, example=_EXAMPLE):
+class Machine(Answer, published_as="MachineSettings", stated=True, example=EXAMPLE):
     """A machine's description as a user states it."""
 
     id: MachineId

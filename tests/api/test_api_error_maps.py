@@ -284,7 +284,10 @@ async def test_a_copy_beside_the_map_that_it_was_made_of_is_asked_about(client):
     [
         ([0.0, 0.007, 0.035], "would fit the maps beside it 1000 times as large"),
         ([35.0, 7.0, 0.0], "would fit the maps beside it with the positions the other way round"),
-        ([0.0, 900.0, 1400.0], "differs from map 'Run #3' by more than the temperatures explain"),
+        (
+            [0.0, 900.0, 1400.0],
+            "more than temperatures explain lies between this map and map 'Run #3'",
+        ),
     ],
 )
 async def test_errors_of_another_kind_than_those_beside_them_are_asked_about(
@@ -293,7 +296,8 @@ async def test_errors_of_another_kind_than_those_beside_them_are_asked_about(
     exx, *rest = error_map("Run #4", 27.0)["components"]
     asked = error_map("Run #4", 27.0, components=[exx | {"errors_um": errors_um}, *rest])
     (warning,) = (await client.post(PATH, json=asked)).json()["warnings"]
-    assert warning.startswith(f"EXX {said}")
+    assert "EXX" in warning
+    assert said in warning
 
 
 TOO_LARGE = "expected errors within ±10000 µm, got 12000 µm: is it in another unit"

@@ -86,6 +86,13 @@ async def test_a_travel_in_metres_beside_maps_in_millimetres_is_refused(client, 
     assert (await client.patch(ROOM, json=longer)).status_code == 200
 
 
+@pytest.mark.parametrize("name", [["x-middle"], {}, 7, None])
+async def test_a_sensor_whose_name_is_no_text_is_refused(client, name):
+    sensors = [{"name": name}, {"name": "y-front"}]
+    found = problem(await client.patch(ROOM, json={"sensors": sensors}), 422)
+    assert [error["field"] for error in found["errors"]] == ["sensors.0.name"]
+
+
 async def test_a_patch_reaches_the_live_table_at_once(client):
     hot = {"temperatures_c": {"x-middle": 40.0, "z-column": 42.0}}
     table = (await client.post(f"{ROOM}/compensation", json=hot)).json()

@@ -241,6 +241,16 @@ async def test_points_outside_the_travel_are_refused_or_flagged(client):
     assert document["errors_um"][1][2] == pytest.approx(5.5 * 500 / 50)
 
 
+async def test_an_end_of_the_travel_written_in_rounded_inches_is_within_it(client):
+    """A map may have it, so points, volumes and grids may too."""
+    end = 19.685042 * 25.4  # 500.0000668 mm
+    document = await document_of(client, points_mm=[[0, 0, end], [0, 0, -end + 500.0]])
+    assert "outside_travel" not in document or document["outside_travel"] == []
+    asked = {"tolerance_um": 100.0, "volume": {"z": {"min_mm": 0, "max_mm": end}}}
+    answer = await client.post(f"{ROOM}/grid", json={"temperatures_c": temperatures(24.0)} | asked)
+    assert answer.status_code == 200, answer.text
+
+
 async def test_each_axis_has_its_direction_of_approach(client):
     for t in (40.0, 44.0):
         both = [

@@ -113,6 +113,20 @@ def test_a_late_structure_is_read_by_maps_that_it_was_late_in(share, total):
     assert term_from_json(json.loads(json.dumps(term.to_json()))) == term
 
 
+@pytest.mark.parametrize("late_k", [-3.999, -4.0, -4.001])
+def test_maps_that_were_as_warm_as_each_other_when_all_is_late_are_not_read_so(late_k):
+    """A thousandth of a kelvin between two maps made 15 µm of half a millikelvin."""
+    signal = Signal("temperature", "x-middle")
+    shape = Sensitivity(is_local=False, in_maps_k=(("Run #3", late_k),))
+    term = Term("EXX", Behind("x-middle", 600.0), shape)
+    here = moment(x_middle=26.0, lags=settled(signal, 600.0, 25.0))
+    assert np.isnan(value(term, here))
+    assert "apart at x-middle, too close" in shape.why_missing(MODEL, "EXX")
+    assert shape.readable(MODEL, "EXX") == Sensitivity(is_local=False)
+    apart = Sensitivity(is_local=False, in_maps_k=(("Run #3", -2.0),))
+    assert apart.readable(MODEL, "EXX") == apart
+
+
 def test_what_expands_evenly_and_late_is_put_right_by_maps_that_were_measured_late():
     """3 µm/K of T′, in the maps as at any other time: all of it is told."""
     t_c, in_maps_k = np.array([20.0, 24.0, 30.0]), np.array([0.0, -2.5, 0.5])

@@ -649,6 +649,19 @@ def test_a_mistakes_figures_are_those_without_and_with_it():
     assert float(figures[0]) > float(figures[2])
 
 
+@pytest.mark.parametrize(("sizes", "helps"), [((0.4,), True), ((0.4, 0.4), False)])
+def test_several_mistakes_may_each_have_made_their_part(sizes, helps):
+    rows = campaign()
+    right = swinging(rows)
+    made = [size * np.roll(right, n) for n, size in enumerate(sizes)]
+    kinds = ("thermal-lag", *["clock-offset"] * len(sizes))
+    terms = (term(),) * len(kinds)
+    said = judgement(
+        right + sum(made), right, *made, kinds=kinds, terms=terms, sensors=("x-middle",)
+    )
+    assert said.helps[0].helps is helps
+
+
 def test_what_is_no_surer_than_a_mistake_waits_for_it_too():
     rows = campaign()
     right, made = swinging(rows), swinging(rows)[::-1]

@@ -13,6 +13,7 @@ from app.errors import InvalidContent
 from app.stated import Name, Schema
 from app.storage.records import StoredMachine
 from app.thermal.machine import (
+    EXAMPLE,
     MACHINE,
     ErrorRatio,
     Machine,
@@ -25,7 +26,7 @@ from app.thermal.machine import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class MachineAnswer(Machine, whole=False):
+class MachineAnswer(Machine, whole=False, example=EXAMPLE):
     """A machine as it is stored."""
 
     active_model: int | None

@@ -109,9 +109,7 @@ def _terms(
     """Read the maps at the late temperature, each where it was itself as late."""
     tau_s = float(theta or 0.0)
     behind = Behind(sensor, tau_s)
+    shapes = {code: Sensitivity(False, view.behind_in_maps(code, sensor, tau_s)) for code in codes}
     return [
-        [
-            Term(code, behind, Sensitivity(False, view.behind_in_maps(code, sensor, tau_s)))
-            for code in codes
-        ]
+        [Term(code, behind, shape.readable(view.model, code)) for code, shape in shapes.items()]
     ]

@@ -247,7 +247,11 @@ def what_next(
 
 
 def _left_to_set_ups(components: Sequence[ComponentFigures]) -> list[str]:
-    """Name the components that keep much more than one observation scatters by."""
+    """Name the components that keep much more than one observation scatters by.
+
+    Where set-ups differ by more than that, too: what is the same in all of them, the maps' own
+    uncertainty may explain.
+    """
     return [
         f"{component.component} keeps {left:.3g} {component.unit} where one observation scatters "
         f"by {component.noise:.2g} {component.unit}: that differs from set-up to set-up, and "
@@ -255,6 +259,7 @@ def _left_to_set_ups(components: Sequence[ComponentFigures]) -> list[str]:
         "changes there."
         for component in components
         if (left := component.shown_rms[1]) > LARGER * component.noise
+        and (component.setup_scatter or 0.0) > component.noise
     ]
 
 

@@ -331,8 +331,10 @@ def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) ->
         yield unseen
     if _is_of_a_short_time(effect) and not finished.is_name_sure(effect, term):
         yield World(0.0, OF_A_SHORT_TIME)
-    # Of several such causes the largest alone: each may have made the whole of the effect.
-    yield from sorted(_beside_causes(finished, effects, number), key=lambda w: w.share)[:1]
+    # Several such causes may all have made what each of them can.
+    if causes := list(_beside_causes(finished, effects, number)):
+        left = 1.0 - sum(1.0 - cause.share for cause in causes)
+        yield min(causes, key=lambda cause: cause.share)._replace(share=max(left, 0.0))
 
 
 def _is_of_a_short_time(effect: Effect) -> bool:
