@@ -247,7 +247,9 @@ async def test_an_end_of_the_travel_written_in_rounded_inches_is_within_it(clien
     document = await document_of(client, points_mm=[[0, 0, end], [0, 0, -end + 500.0]])
     assert "outside_travel" not in document or document["outside_travel"] == []
     asked = {"tolerance_um": 100.0, "volume": {"z": {"min_mm": 0, "max_mm": end}}}
-    answer = await client.post(f"{ROOM}/grid", json={"temperatures_c": temperatures(24.0)} | asked)
+    answer = await client.post(
+        f"{ROOM}/compensation/grid", json={"temperatures_c": temperatures(24.0)} | asked
+    )
     assert answer.status_code == 200, answer.text
 
 
