@@ -246,7 +246,11 @@ async def test_an_end_of_the_travel_written_in_rounded_inches_is_within_it(clien
     end = 19.685042 * 25.4  # 500.0000668 mm
     document = await document_of(client, points_mm=[[0, 0, end], [0, 0, -end + 500.0]])
     assert "outside_travel" not in document or document["outside_travel"] == []
-    asked = {"tolerance_um": 100.0, "volume": {"z": {"min_mm": 0, "max_mm": end}}}
+    asked = {
+        "missing_components": "zero",
+        "tolerance_um": 100.0,
+        "volume": {"z": {"min_mm": 0, "max_mm": end}},
+    }
     answer = await client.post(
         f"{ROOM}/compensation/grid", json={"temperatures_c": temperatures(24.0)} | asked
     )
