@@ -40,7 +40,7 @@ _NAMES: Final = {
 }
 """What a protocol calls what every table may state."""
 
-_LOCAL_DATE: Final = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{2,4}\b", re.ASCII)
+_LOCAL_DATE: Final = re.compile(r"\d{1,4}(?:\.\d{1,2}\.|/\d{1,2}/|-\d{1,2}-)\d{2,4}\b", re.ASCII)
 
 MOST_NAMED: Final = 8
 

@@ -272,9 +272,9 @@ async def test_a_deleted_verifications_number_is_not_used_again(client):
         (verification(observation(position_mm=501)), "observations.0.position_mm", "0 to 500 mm"),
         (verification(POINT | {"point_mm": [0, 0, -1]}), "observations.0.point_mm", "0 to 500 mm"),
         (
-            verification(observation(position_mm=500.0001)),
+            verification(observation(position_mm=500.01)),
             "observations.0.position_mm",
-            "got 500.0001 mm",
+            "got 500.01 mm",
         ),
         (verification(observation(minutes=2)), "observations.0.time", "not in the future"),
         (

@@ -263,13 +263,6 @@ def test_a_sensor_that_reports_late_did_so_in_the_maps(view):
     np.testing.assert_allclose(late[rows], supposed[rows], atol=5e-3)
 
 
-def test_all_sensors_as_late_as_each_other_leave_what_another_clock_does(view):
-    """Where the maps are from before the record nothing tells the two apart."""
-    sensors = tuple(view.components_by_sensor)
-    late = column(view, proposed(view, "late-sensor", sensors=sensors), 1200.0)
-    np.testing.assert_array_equal(late, column(view, proposed(view, "clock-offset"), 1200.0))
-
-
 def test_rows_whose_readings_end_too_early_are_moved_as_far_as_is_known(view):
     """The likelihood would jump with each row that stopped to be moved."""
     late = proposed(view, "late-sensor", sensors=("x-middle",))

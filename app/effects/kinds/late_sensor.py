@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar, Final
 
@@ -17,8 +16,7 @@ from app.effects.kinds.clock_offset import (
     later_readings,
 )
 from app.effects.projection import Projection
-from app.effects.words import components, parameter, verb
-from app.errors import list_names
+from app.effects.words import components, parameter
 from app.units import SECONDS_PER_MIN
 
 LATE_S: Final = tuple(minutes * SECONDS_PER_MIN for minutes in (3.0, 6.0, 12.0, 24.0, 48.0, 96.0))
@@ -48,64 +46,52 @@ class LateSensor(EffectKind):
     shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
 
     def propose(self, view: CampaignView) -> Proposals:
-        """Every sensor that several components follow, and all of them as late as each other."""
+        """Every sensor that several components follow."""
         proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if len(codes) < FEWEST_COMPONENTS:
                 reason = f"only {codes[0]} follows it, and may lead it for reasons of its own"
                 proposals.not_testable.append(self.refuse(sensor, reason))
                 continue
-            grid = _grid_s(view, sensor)
+            grid = tuple(by_s for by_s in LATE_S if is_known_apart(view, sensor, by_s))
             if sensor not in view.varying_sensors or not grid:
                 reason = (
                     "it did not change, or has too few readings some minutes after the observations"
                 )
                 proposals.not_testable.append(self.refuse(sensor, reason))
                 continue
-            proposals.hypotheses.append(_hypothesis(view, {sensor: codes}, grid))
-        followed = {s: c for s, c in view.components_by_sensor.items() if s in view.varying_sensors}
-        grids = [_grid_s(view, sensor) for sensor in followed]
-        grid = tuple(by_s for by_s in LATE_S if all(by_s in one for one in grids))
-        if len(followed) > 1 and grid:
-            proposals.hypotheses.append(_hypothesis(view, followed, grid))
+            proposals.hypotheses.append(_hypothesis(view, sensor, codes, grid))
         return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say how late."""
-        report = verb(effect.sensors, "reports", "report")
         return (
-            f"{list_names(effect.sensors)} {report} {parameter(effect, 'late_min', 'min')} late "
-            f"(seen in {components(effect)})"
+            f"{effect.sensors[0]} reports {parameter(effect, 'late_min', 'min')} late (seen in "
+            f"{components(effect)})"
         )
 
     def what_to_do(self, effect: Effect) -> str:
         """Say what to look for."""
-        sensors, are = list_names(effect.sensors), verb(effect.sensors, "is", "are")
         return (
-            f"Find out why {sensors} {are} late: a long averaging time or a buffer in whatever "
-            "sends the readings, a wrong clock there, or poor contact between a sensor and its "
-            "body; then measure again."
+            f"Find out why {effect.sensors[0]} is late: a long averaging time or a buffer in "
+            "whatever sends its readings, a wrong clock there, or poor contact between the "
+            "sensor and its body; then measure again."
         )
 
 
-def _grid_s(view: CampaignView, sensor: str) -> tuple[float, ...]:
-    return tuple(by_s for by_s in LATE_S if is_known_apart(view, sensor, by_s))
-
-
 def _hypothesis(
-    view: CampaignView, followed: Mapping[str, tuple[str, ...]], grid: tuple[float, ...]
+    view: CampaignView, sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]
 ) -> Hypothesis:
-    """Let sensors be as late as each other, in the maps' temperatures too."""
-    sensors = tuple(followed)
+    """Let a sensor be late, in the maps' temperatures too."""
 
     def supposed(projection: Projection, by_s: float | None) -> FloatArray:
         in_maps_k = partial(view.ahead_in_maps, by_s=by_s or 0.0)
-        return later_readings(sensors, projection, by_s, in_maps_k)
+        return later_readings((sensor,), projection, by_s, in_maps_k)
 
     return Hypothesis(
         kind=LateSensor.kind,
-        components=tuple(code for codes in followed.values() for code in codes),
-        sensors=sensors,
+        components=codes,
+        sensors=(sensor,),
         nonlinear=Nonlinear("late_min", SECONDS_PER_MIN, grid, (grid[0], grid[-1])),
         supposed=supposed,
         expected=WHOLE,
