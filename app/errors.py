@@ -18,7 +18,7 @@
      ├─ AccessRefused         the key that asks may not do this, or is none any more
      │   ├─ KeyUnknown            there is no such key
      │   └─ NotAllowed            its role is not enough, or it is not for this machine
-     ├─ UnknownRevision       the database was written by another thermap
+     ├─ StorageTooNew         the database was written by a newer thermap
      └─ ServiceStopping           the service was told to end, and takes nothing on any more
 
 Each carries one sentence for a person and, where fields are to blame, a
@@ -137,8 +137,8 @@ class NotAllowed(AccessRefused):
     """The key's role is not enough, or it is not for this machine."""
 
 
-class UnknownRevision(ThermapError):
-    """The database was written by another thermap, and cannot be brought to this one's tables."""
+class StorageTooNew(ThermapError):
+    """The database has migrations that this version does not know."""
 
 
 class ServiceStopping(ThermapError):

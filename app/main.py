@@ -129,8 +129,8 @@ def create_app(settings: Settings | None = None) -> ThermapService:
 
     Raises
     ------
-    UnknownRevision
-        If the database was written by another version.
+    StorageTooNew
+        If the database was written by a newer version.
     StorageUnavailable
         If the database cannot be reached.
     """

@@ -3,8 +3,7 @@
 import gc
 import os
 import re
-import shutil
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ from sqlalchemy import make_url
 
 from app.arrays import one_blas_thread
 from app.services.follow_database import DatabaseFollower
-from app.storage import migrate
 from tests.databases import KINDS, Databases, reachable
 from tests.service_examples import Clock, client_of, furnish_database, running
 from tests.services.tcp_proxy import TcpProxy
@@ -161,41 +159,6 @@ def postgresql_url(databases):
     url = reachable(databases.migrated, "postgresql")
     yield url
     databases.give_back(url)
-
-
-NEXT_MIGRATION = """
-import sqlalchemy as sa
-from alembic import op
-
-revision, down_revision = "next", "{newest}"
-branch_labels = depends_on = None
-
-
-def upgrade():
-    op.add_column("machine", sa.Column("colour", sa.Text()))
-
-
-def downgrade():
-    op.drop_column("machine", "colour")
-"""
-
-
-@pytest.fixture
-def next_migration(tmp_path, monkeypatch):
-    """Be the version after this one, as which all databases there are older; its revision."""
-
-    @contextmanager
-    def be_next():
-        newest, folder = migrate.newest_revision(), tmp_path / "next_migrations"
-        shutil.copytree(migrate._migrations_folder(), folder)
-        (folder / "versions" / "next.py").write_text(NEXT_MIGRATION.format(newest=newest))
-        with monkeypatch.context() as patch:
-            patch.setattr(migrate, "_migrations_folder", lambda: folder)
-            migrate._known_revisions.cache_clear()
-            yield "next"
-        migrate._known_revisions.cache_clear()
-
-    return be_next
 
 
 @pytest.fixture

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Final, Protocol
 from app.access.keys import Role
 from app.errors import (
     InvalidContent,
+    StorageTooNew,
     StorageUnavailable,
     ThermapError,
-    UnknownRevision,
     capitalised,
     counted,
 )
@@ -140,7 +140,7 @@ def _examine(database: Database) -> Iterator[Finding]:
     name = database.name.removeprefix("sqlite:///").replace("+psycopg", "", 1)
     try:
         revision = revision_of(database)
-    except UnknownRevision as error:
+    except StorageTooNew as error:
         yield trouble("database", f"{capitalised(error.detail)}.")
         return
     if revision is None:

@@ -23,7 +23,7 @@ from sqlalchemy import Connection, Table, create_engine, delete, func, inspect, 
 
 from app.errors import Conflict, InvalidContent, StorageUnavailable, counted
 from app.storage.database import Database
-from app.storage.migrate import checked_revision, newest_revision, upgrade
+from app.storage.migrate import check_not_newer, newest_revision, upgrade
 from app.storage.restored_keys import (
     RestoredKeys,
     keys_before,
@@ -86,8 +86,8 @@ def write_backup(database_url: str, file: Path) -> BackupContents:
     ------
     Conflict
         If there is such a file, or the database is of another version than this thermap.
-    UnknownRevision
-        If another version wrote it, whose tables are none that this one knows.
+    StorageTooNew
+        If it is of a newer one.
     StorageUnavailable
         If the database cannot be read, or the file not written.
     """
@@ -132,8 +132,8 @@ def restore_backup(
     ------
     InvalidContent
         If the file is no backup, or damaged.
-    UnknownRevision
-        If it, or the database, has tables that this version does not know.
+    StorageTooNew
+        If it, or the database, is of a newer thermap.
     Conflict
         If the database has machines, or a service is running on it.
     """
@@ -202,7 +202,7 @@ def _expect_no_machines(target: Connection, name: str, replace: bool) -> None:
 def _require_tables(database: Database) -> None:
     """Refuse a database that a newer thermap wrote, or none."""
     with database.reading() as session:
-        if checked_revision(session.connection(), f"the database {database.name}") is None:
+        if check_not_newer(session.connection(), f"the database {database.name}") is None:
             raise Conflict(f"the database {database.name} holds nothing of thermap")
 
 
@@ -221,7 +221,7 @@ def _copy_server(database: Database, part: Path) -> None:
     try:
         upgrade(target)
         with database.snapshot() as source, target.migrating() as connection:
-            revision = checked_revision(source, f"the database {database.name}")
+            revision = check_not_newer(source, f"the database {database.name}")
             if revision != newest_revision():
                 raise Conflict(
                     f"the database {database.name} is of an older thermap (revision {revision}): "
@@ -284,7 +284,7 @@ def _continue_numbers(target: Connection, last: Mapping[str, int]) -> None:
 def _up_to_date(file: Path, folder: Path) -> Iterator[Connection]:
     """Open a backup at this version's revision; an older one is upgraded in a copy."""
     with _opened(file) as connection:
-        if checked_revision(connection, f"the backup {file}") == newest_revision():
+        if check_not_newer(connection, f"the backup {file}") == newest_revision():
             yield connection
             return
     copy = folder / "upgraded.db"

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from app.storage.analyses import running_analyses
 from app.storage.database import Database
 from app.storage.limits import UNLIMITED
-from app.storage.migrate import checked_revision
+from app.storage.migrate import check_not_newer
 from app.storage.records import AnalysisStatus
 from app.storage.tables import AnalysisRow
 
@@ -45,13 +45,13 @@ def revision_of(database: Database) -> str | None:
 
     Raises
     ------
-    UnknownRevision
+    StorageTooNew
         If this version does not know it.
     StorageUnavailable
         If it cannot be read.
     """
     with database.reading() as session:
-        return checked_revision(session.connection(), f"the database {database.name}")
+        return check_not_newer(session.connection(), f"the database {database.name}")
 
 
 def damage(database: Database) -> list[str]:

@@ -1,4 +1,4 @@
-"""Bringing a database to this version's tables, or refusing one of another version."""
+"""Bringing a database to this version's tables, or refusing one that is newer."""
 
 from __future__ import annotations
 
@@ -13,12 +13,9 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
 import app
-from app.errors import UnknownRevision
+from app.errors import StorageTooNew
 from app.storage.database import Database
 from app.storage.job_queue import prepare_queue
-
-LAST_CHAIN = "e1272f7b"
-"""Knows the tables of all states from 0.1.0 on, and ends at the first revision known here."""
 
 UPGRADE_LOCK = 7_483_621
 """PostgreSQL advisory lock: two servers that start together upgrade one after the other."""
@@ -41,14 +38,14 @@ def upgrade(database: Database) -> Upgraded:
 
     Raises
     ------
-    UnknownRevision
-        If another version wrote the database.
+    StorageTooNew
+        If the database has migrations that this version does not know.
     """
     newest = newest_revision()
     with database.migrating() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:k)"), {"k": UPGRADE_LOCK})
-        revision = checked_revision(connection, f"the database {database.name}")
+        revision = check_not_newer(connection, f"the database {database.name}")
         if revision != newest:
             command.upgrade(alembic_config(connection), "head")
         if connection.dialect.name == "postgresql":
@@ -68,21 +65,19 @@ def _known_revisions() -> tuple[str, ...]:
     return tuple(script.revision for script in scripts.walk_revisions())
 
 
-def checked_revision(connection: Connection, what: str) -> str | None:
+def check_not_newer(connection: Connection, what: str) -> str | None:
     """Read a database's revision, None where it is empty.
 
     Raises
     ------
-    UnknownRevision
+    StorageTooNew
         If this version does not know it.
     """
     revision = current_revision(connection)
     if revision is not None and revision not in _known_revisions():
-        raise UnknownRevision(
-            f"{what} was written by another thermap (its revision is {revision}, the newest known "
-            f"here is {newest_revision()}): if it was a newer one, install that version; if it was "
-            f"one before the first release, open or restore it once with commit {LAST_CHAIN}, "
-            "which brings it up to date"
+        raise StorageTooNew(
+            f"{what} was written by a newer thermap (its revision is {revision}, the newest known "
+            f"here is {newest_revision()}): install that version, or give another one"
         )
     return revision
 

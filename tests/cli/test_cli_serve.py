@@ -180,7 +180,7 @@ def test_a_newer_database_is_refused(run, sqlite_url):
     connection.close()
     found = run("serve", "--port", "0", "--database-url", sqlite_url)
     assert (found.exit_code, found.stdout) == (1, "")
-    assert "was written by another thermap" in found.stderr
+    assert "was written by a newer thermap" in found.stderr
     assert found.stderr.count("\n") == 1
 
 

@@ -3,6 +3,7 @@
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from alembic import command
 from sqlalchemy import text
 
 from app.effects.driver import Behind
@@ -12,7 +13,8 @@ from app.effects.term import Term
 from app.services.events import ALARM_DUTY
 from app.services.keep_readings import KEEPER_DUTY, ReadingKeeper
 from app.storage import partitions
-from app.storage.migrate import UPGRADE_LOCK
+from app.storage.database import Database
+from app.storage.migrate import UPGRADE_LOCK, alembic_config, upgrade
 from app.storage.readings import find_readings, insert_readings, list_readings
 from app.thermal.reading import Reading
 from tests.databases import reachable
@@ -21,7 +23,17 @@ from tests.service_examples import MACHINE, ROOM, START, error_map, furnish_data
 
 pytestmark = pytest.mark.anyio
 
+BEFORE_PARTITIONS = "9c41e7d25ab8"
 MONTHS = [datetime(2026, month, 1, tzinfo=UTC) for month in (3, 4, 5)]
+
+
+@pytest.fixture
+def empty_postgresql(databases):
+    url = reachable(databases.empty, "postgresql")
+    database = Database(url)
+    yield database
+    database.close()
+    databases.give_back(url)
 
 
 @pytest.fixture
@@ -29,6 +41,11 @@ def postgresql(new_app, databases):
     url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
     yield new_app(url).state.context
     databases.give_back(url)
+
+
+def migrated(database, step, revision):
+    with database.migrating() as connection:
+        step(alembic_config(connection), revision)
 
 
 def rows(database):
@@ -49,6 +66,49 @@ def parts(database):
             text("SELECT tableoid::regclass::text, count(*) FROM reading GROUP BY 1 ORDER BY 1")
         )
         return dict(found.all())
+
+
+def test_what_is_stored_is_moved_there_and_back(empty_postgresql):
+    database = empty_postgresql
+    migrated(database, command.upgrade, BEFORE_PARTITIONS)
+    with database.writing() as session:
+        session.execute(
+            text(
+                "INSERT INTO machine (id, name, configuration, axes, sensors, out_of_range, "
+                "extrapolation_margin_c, same_temperature, revision, created_at) VALUES "
+                "('m', 'M', 'XYFZ', '{}', '[]', 'clamp', 5, 'newest', 1, now())"
+            )
+        )
+        for number, time in (
+            (7, "2026-02-28T23:59:59.999999Z"),
+            (8, "2026-03-01T00:00:00Z"),
+            (9, "2026-02-01T00:00:00Z"),
+            (40, "2019-12-31T23:59:59Z"),
+        ):
+            session.execute(
+                text(
+                    "INSERT INTO reading (id, machine_id, time, temperatures_c, state, early_s) "
+                    "VALUES (:id, 'm', :time, CAST(:content AS json), '{\"rpm\": 1e-5}', 0.25)"
+                ),
+                {"id": number, "time": time, "content": f'{{"a": 20.{number}, "ü": -0.0}}'},
+            )
+        session.execute(text("SELECT setval('reading_id_seq', 50)"))
+    before = rows(database)
+    assert len(before) == 4
+    upgrade(database)
+    assert rows(database) == before
+    assert parts(database) == {"reading_2019m12": 1, "reading_2026m02": 2, "reading_2026m03": 1}
+    with database.writing() as session:
+        assert insert_readings(session, {"m": [Reading(START, {"a": 1.0}, {})]})["m"].times == {
+            START
+        }
+        assert insert_readings(session, {"m": [Reading(START, {"a": 2.0}, {})]})["m"].times == set()
+    assert rows(database)[-1][0] == 51
+    migrated(database, command.downgrade, BEFORE_PARTITIONS)
+    assert rows(database)[:-1] == before
+    with database.writing() as session:
+        session.execute(text("DELETE FROM machine"))
+    assert rows(database) == []
 
 
 async def test_months_are_made_ahead_and_take_what_is_theirs(postgresql):
