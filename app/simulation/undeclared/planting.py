@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,8 +15,8 @@ from app.simulation.undeclared.conditions import Conditions
 from app.simulation.undeclared.effect import Effect
 from app.simulation.undeclared.history import History
 from app.simulation.undeclared.observations import Observations
-from app.simulation.undeclared.planted import FAMILIES, Family
-from app.simulation.undeclared.setting import NothingToSee, Setting
+from app.simulation.undeclared.planted import FAMILIES
+from app.simulation.undeclared.setting import Family, NothingToSee, Setting
 from app.simulation.undeclared.unknown import UNKNOWN
 
 ALL: Final = {**FAMILIES, **UNKNOWN}
@@ -86,6 +87,9 @@ def plant_effects(
         kind, family, variant = parsed[i]
         others = effects.values()
         setting = Setting(
+            kind,
+            variant or "",
+            kind in FAMILIES,
             machine,
             history,
             planned,
@@ -95,19 +99,19 @@ def plant_effects(
             frozenset(sensor for e in others for sensor in e.shown_c),
             chance(seed, f"effect {i} {kind}"),
         )
-        effect = _plant(setting, family, variant)
+        effect = _plant(setting, family)
         effects[i] = effect
         machine = machine.with_sensitivities(dict.fromkeys(effect.sensitive, effect.strength))
         machine = machine.without(frozenset(effect.unmeasured))
     return machine, [effects[i] for i in range(len(names))]
 
 
-def _plant(setting: Setting, family: Family, variant: str | None) -> Effect:
+def _plant(setting: Setting, family: Family) -> Effect:
     """Plant one effect; draw again where the observations do not show it."""
     for _ in range(DRAWS):
         drawn = str(setting.rng.choice(family.variants))
         try:
-            return family.plant(setting, variant or drawn)
+            return family.plant(replace(setting, variant=setting.variant or drawn))
         except NothingToSee:
             continue
     raise ValueError(f"expected observations that show an effect, got none in {DRAWS} draws")

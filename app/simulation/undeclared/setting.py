@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from app.simulation.undeclared.components import (
 )
 from app.simulation.undeclared.conditions import Conditions
 from app.simulation.undeclared.effect import Effect, amplitude_of
+from app.simulation.undeclared.error_tables import ErrorTable
 from app.simulation.undeclared.history import SENSORS, History
 from app.simulation.undeclared.observations import Circumstances, ErrorFunction, Observations
 
@@ -54,10 +55,12 @@ class Profile:
 
 @dataclass(frozen=True)
 class Setting:
-    """Where an effect is planted.
+    """Where an effect is planted, and which one.
 
     Parameters
     ----------
+    kind, variant, in_library
+        As the effect has them.
     amplitude_um
         Wanted standard deviation of the effect over the values that it reaches.
     taken
@@ -68,6 +71,9 @@ class Setting:
         Source of chance, of this effect alone.
     """
 
+    kind: str
+    variant: str
+    in_library: bool
     machine: BaseMachine
     history: History
     observations: Observations
@@ -158,6 +164,40 @@ class Setting:
 
         return undeclared
 
+    def effect(
+        self, errors: Mapping[str, ErrorFunction], components: Sequence[str] = (), **more: Any
+    ) -> Effect:
+        """Make the effect as it is.
+
+        Parameters
+        ----------
+        errors, **more
+            As `Effect` has them.
+        components
+            Those that it is of, where they are others than have errors.
+        """
+        of = tuple(components or errors)
+        return Effect(self.kind, self.variant, of, errors, in_library=self.in_library, **more)
+
+    def planted(self, errors: Mapping[str, ErrorFunction], **more: Any) -> Effect:
+        """Make the effect with the wanted amplitude; NothingToSee where it does nothing."""
+        return self.scaled(self.effect(errors, **more))
+
+    def driven(self, profile: Profile, driver: ErrorFunction, per: str = "", **more: Any) -> Effect:
+        """Plant a profile along the axis times what drives it, in units `per` that."""
+        strengths = {"strengths": profile.named(per), **more}
+        return self.planted({profile.code: driven(profile, driver)}, **strengths)
+
+    def following(self, profile: Profile, series: FloatArray, per: str = "", **more: Any) -> Effect:
+        """Plant a profile along the axis times a series of the history's minutes."""
+        return self.driven(profile, lambda circumstances: circumstances.at(series), per, **more)
+
+    def fitted(self, effect: Effect) -> Effect:
+        """Reach the wanted amplitude by the sensitivity, unless another effect has set it."""
+        if self.machine.sensitivities.keys() & effect.components:
+            return replace(effect, sensitive=())
+        return self.scaled(effect)
+
     def amplitude(self, effect: Effect) -> float:
         """Amplitude of an effect as it is, in what can be observed [µm, µrad, µm/m]."""
         usable = self.observations.without(self.machine.unmeasured.union(effect.unmeasured))
@@ -176,6 +216,50 @@ class Setting:
         if has < 1e-9:
             raise NothingToSee(f"{effect.kind} of {', '.join(effect.components)}")
         return effect.with_strength(self.amplitude_um / has)
+
+
+class Family:
+    """How effects of one kind are planted; some variants only where they are asked for."""
+
+    def __init__(
+        self,
+        plant: Callable[[Setting], Effect],
+        *variants: str,
+        only_asked_for: tuple[str, ...] = (),
+    ) -> None:
+        self.plant, self.variants, self.only_asked_for = plant, variants, only_asked_for
+
+
+def table_difference(
+    code: str,
+    first: ErrorTable,
+    other: ErrorTable,
+    *,
+    first_c: FloatArray | None = None,
+    other_c: FloatArray | None = None,
+    clamp: bool = False,
+) -> ErrorFunction:
+    """Make what one table says of a component minus what another one says.
+
+    Parameters
+    ----------
+    first_c, other_c : ndarray, shape (n,) [°C]
+        Temperatures at which they are asked, in all minutes of the history; where left out, those
+        of the component's sensor.
+    clamp
+        Whether the other one holds beyond its temperatures.
+    """
+    component = COMPONENTS[code]
+
+    def difference(circumstances: Circumstances) -> FloatArray:
+        position = circumstances.point_mm[:, component.axis or 0]
+        first_at, other_at = (
+            circumstances.temperature(component.sensor) if c is None else circumstances.at(c)
+            for c in (first_c, other_c)
+        )
+        return first.at(position, first_at) - other.at(position, other_at, clamp=clamp)
+
+    return difference
 
 
 def driven(profile: Profile, driver: ErrorFunction) -> ErrorFunction:

@@ -10,8 +10,7 @@ from app.simulation.undeclared.base_machine import TRAVELS_MM
 from app.simulation.undeclared.components import CODES, COMPONENTS, following
 from app.simulation.undeclared.effect import rows_of
 from app.simulation.undeclared.history import low_pass
-from app.simulation.undeclared.unknown.hysteresis import preisach, relay_weights
-from app.simulation.undeclared.unknown.stick_slip import stored_strain
+from app.simulation.undeclared.unknown import preisach, relay_weights, stored_strain
 
 EVERY = [
     f"{name}:{variant}"

@@ -1,80 +1,53 @@
-"""The families of effects, one file each.
+"""The families of effects that the service searches: what the machine does, people's mistakes.
 
-Every file has a `VARIANTS` and a `plant(setting, variant)` that returns an `Effect` of the
-wanted amplitude with random component, sensor and parameters.
+Each is a function that makes an `Effect` of the wanted amplitude with random component, sensor and
+parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
-from app.simulation.undeclared.effect import Effect
-from app.simulation.undeclared.planted import (
-    additional_sensor,
-    ageing_sensor,
-    angular,
-    backlash,
-    clock_offset,
-    detached_sensor,
-    drift,
-    exchanged_sensors,
-    late_sensor,
-    map_factor,
-    map_temperature,
-    mirrored_axis,
-    nonrigid_slope,
-    other_sensor,
-    outdated_map,
-    periodic,
-    sensor_fault,
-    sensor_gradient,
-    state_variable,
-    step,
-    temperature_curvature,
-    thermal_lag,
-    tool_length,
-    wrong_map,
-)
-from app.simulation.undeclared.setting import Setting
-
-
-class Family(NamedTuple):
-    """How effects of one family are planted; some variants only where they are asked for."""
-
-    variants: tuple[str, ...]
-    plant: Callable[[Setting, str], Effect]
-    only_asked_for: tuple[str, ...] = ()
-
+from app.simulation.undeclared.planted import mistakes, motion, sensors, structure
+from app.simulation.undeclared.setting import Family
 
 FAMILIES: Final = {
-    "thermal-lag": Family(thermal_lag.VARIANTS, thermal_lag.plant),
-    "other-sensor": Family(other_sensor.VARIANTS, other_sensor.plant),
+    "thermal-lag": Family(structure.thermal_lag, "component", "sensor"),
+    "other-sensor": Family(structure.other_sensor, "component"),
     "additional-sensor": Family(
-        additional_sensor.VARIANTS, additional_sensor.plant, additional_sensor.ONLY_ASKED_FOR
+        structure.additional_sensor,
+        "component",
+        only_asked_for=(structure.EXPANSION, structure.LATE),
     ),
     "sensor-gradient": Family(
-        sensor_gradient.VARIANTS, sensor_gradient.plant, sensor_gradient.ONLY_ASKED_FOR
+        structure.sensor_gradient, "component", only_asked_for=(structure.LATE,)
     ),
-    "temperature-curvature": Family(temperature_curvature.VARIANTS, temperature_curvature.plant),
-    "state-variable": Family(state_variable.VARIANTS, state_variable.plant),
-    "backlash": Family(backlash.VARIANTS, backlash.plant),
-    "periodic": Family(periodic.VARIANTS, periodic.plant),
-    "angular": Family(angular.VARIANTS, angular.plant),
-    "nonrigid-slope": Family(nonrigid_slope.VARIANTS, nonrigid_slope.plant),
-    "drift": Family(drift.VARIANTS, drift.plant),
-    "step": Family(step.VARIANTS, step.plant),
-    "sensor-fault": Family(sensor_fault.VARIANTS, sensor_fault.plant),
-    "outdated-map": Family(outdated_map.VARIANTS, outdated_map.plant),
-    "exchanged-sensors": Family(exchanged_sensors.VARIANTS, exchanged_sensors.plant),
-    "map-factor": Family(map_factor.VARIANTS, map_factor.plant),
-    "map-temperature": Family(map_temperature.VARIANTS, map_temperature.plant),
-    "clock-offset": Family(clock_offset.VARIANTS, clock_offset.plant),
-    "mirrored-axis": Family(mirrored_axis.VARIANTS, mirrored_axis.plant),
-    "late-sensor": Family(late_sensor.VARIANTS, late_sensor.plant),
-    "ageing-sensor": Family(ageing_sensor.VARIANTS, ageing_sensor.plant),
-    "detached-sensor": Family(detached_sensor.VARIANTS, detached_sensor.plant),
-    "tool-length": Family(tool_length.VARIANTS, tool_length.plant),
-    "wrong-map": Family(wrong_map.VARIANTS, wrong_map.plant),
+    "temperature-curvature": Family(structure.temperature_curvature, "component"),
+    "state-variable": Family(
+        motion.state_variable,
+        *motion.STATES,
+        *(f"{state}-lagged" for state in motion.STATES if state != "payload"),
+    ),
+    "backlash": Family(motion.backlash, "constant", "along-axis"),
+    "periodic": Family(motion.periodic, "single", "harmonic"),
+    "angular": Family(motion.angular, *motion.ROTATIONS_OF),
+    "nonrigid-slope": Family(motion.nonrigid_slope, "linear", "angular"),
+    "drift": Family(motion.drift, "component"),
+    "step": Family(motion.step, "component", "squareness"),
+    "sensor-fault": Family(sensors.sensor_fault, "bias", "stuck", "spikes"),
+    "outdated-map": Family(motion.outdated_map, "shift", "slope", "profile"),
+    "exchanged-sensors": Family(sensors.exchanged_sensors, "both-followed", "one-followed"),
+    "map-factor": Family(
+        mistakes.map_factor,
+        *("sign", "sign-in-one-map", "inches", "tenfold-in-one-map", "unit-of-one-map"),
+    ),
+    "map-temperature": Family(mistakes.map_temperature, "inner", "outermost"),
+    "clock-offset": Family(mistakes.clock_offset, "an-hour-early", "an-hour-late", "some-minutes"),
+    "mirrored-axis": Family(mistakes.mirrored_axis, "axis", "one-line"),
+    "late-sensor": Family(sensors.late_sensor, "by-a-buffer"),
+    "ageing-sensor": Family(sensors.ageing_sensor, "drifting"),
+    "detached-sensor": Family(sensors.detached_sensor, "in-the-room"),
+    "tool-length": Family(mistakes.tool_length, "one-tool", "every-tool"),
+    "wrong-map": Family(mistakes.wrong_map, "shift", "slope", "profile"),
 }
-"""What the service searches, by its own names: what the machine does, then people's mistakes."""
+"""By the service's own names."""
