@@ -165,6 +165,4 @@ ETALON: Final = Format(
     options=Options,
     render=_render,
     parse=_parse,
-    # A microradian is the coarser of both.
-    resolution=lambda options: 1e-6,
 )

@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
@@ -24,8 +23,8 @@ from app.controllers.format import (
     ReferenceOptions,
     Rendered,
     Status,
-    component_named,
     curve_code,
+    curve_read,
 )
 from app.controllers.grids import even_positions
 from app.controllers.heads import head
@@ -214,13 +213,7 @@ def _curve_of(section: _Section) -> Curve:
     columns = np.array(rows).T
     errors_um = columns[1:] * UM_PER_MM
     backward = errors_um[1] if wanted == 2 and errors_um[1].any() else None
-    same = backward is None or np.array_equal(errors_um[0], backward)
-    return Curve(
-        component_named(curve_code(output, section.axis)),
-        frozen(columns[0]),
-        errors_um[0],
-        None if same else backward,
-    )
+    return curve_read(curve_code(output, section.axis), columns[0], errors_um[0], backward)
 
 
 FAGOR: Final = Format(
@@ -238,5 +231,4 @@ FAGOR: Final = Format(
     options=ReferenceOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 10.0**-_DECIMALS * UM_PER_MM,
 )

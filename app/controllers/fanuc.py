@@ -23,7 +23,7 @@ from typing import Annotated, Any, ClassVar, Final
 import numpy as np
 from pydantic import Field
 
-from app.arrays import FloatArray, IntArray, frozen
+from app.arrays import FloatArray, IntArray
 from app.controllers.curve import Curve
 from app.controllers.error_table import TRANSLATIONS, ErrorTable
 from app.controllers.format import (
@@ -38,8 +38,8 @@ from app.controllers.format import (
     SignedOptions,
     Spacing,
     Status,
-    component_named,
     curve_code,
+    curve_read,
     factor_of,
     of_axis,
 )
@@ -147,7 +147,7 @@ def _render(table: ErrorTable, options: FanucOptions) -> Rendered:
         if code in table.curves:
             at = columns.grids_mm[axis]
             summed = counts[code] - counts[code][_place(at, _reference(options, axis))]
-            rendered_curves.append(Curve(component_named(code), at, summed * unit_um))
+            rendered_curves.append(curve_read(code, at, summed * unit_um))
     lines.append("%")
     return Rendered(
         [ControllerFile("FANUC.DAT", "\n".join(lines) + "\n")],
@@ -506,7 +506,7 @@ class _Read:
         sums = np.cumsum([0, *counts])
         unit_um = factor_of(options.sign) * table.magnification * options.detection_unit_um
         errors = (sums - sums[table.reference + 1]) * unit_um
-        curve = Curve(component_named(table.code), frozen(table.at_mm), frozen(errors))
+        curve = curve_read(table.code, table.at_mm, errors)
         self._expect_within(curve)
         return curve
 
@@ -565,8 +565,4 @@ FANUC: Final = Format(
     options=FanucOptions,
     render=_render,
     parse=_parse,
-    # With the largest magnification; a smaller one is finer.
-    resolution=lambda options: (
-        (options.magnification or _MOST_MAGNIFIED) * options.detection_unit_um
-    ),
 )

@@ -8,9 +8,11 @@ from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from app.answer import Answer, UnitSymbol
+from app.arrays import frozen
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import ErrorTable
 from app.errors import InvalidContent, list_names
@@ -25,6 +27,12 @@ Spacing = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e6)
 Count = Annotated[int, Field(strict=True)]
 Named = TypeVar("Named")
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]{1,32}$")]
+AxisNames = Annotated[dict[Axis, Label], Field(description="The machine's name of each axis")]
+EvenSpacing = Annotated[
+    Spacing | None,
+    Field(description="Distance of the points [mm]; the maps' own where not stated"),
+]
+Decimals = Annotated[Count, Field(ge=3, le=7, description="Decimals of the values [mm]")]
 
 
 def _split(value: object) -> object:
@@ -196,8 +204,6 @@ class Format:
     both_directions
         Codes of the components of which it holds both directions of approach; of the others it
         holds their mean.
-    resolution
-        Smallest difference of two values [µm or µrad] as the options have it.
     for_band
         Options of one of several temperature bands that lie in the controller together: of its
         number from 0, and of how many tables those before it have.
@@ -218,7 +224,6 @@ class Format:
     options: type[Options]
     render: Callable[[ErrorTable, Any], Rendered]
     parse: Callable[[Sequence[ControllerFile], Any], Parsed]
-    resolution: Callable[[Any], float]
     for_band: Callable[[Any, int, int], Options] = field(default=_unchanged)
     joint: Callable[[Sequence[Sequence[ControllerFile]], Any], Joint] = field(
         default=_nothing_joint
@@ -321,6 +326,16 @@ class Reading:
         return Parsed(ordered, [*dict.fromkeys(self.warnings), *others])
 
 
-def component_named(code: str) -> Any:
-    """The component of a code that is known to be one."""
-    return COMPONENTS[code]
+def curve_read(
+    code: str,
+    positions_mm: ArrayLike,
+    errors_um: ArrayLike,
+    backward_um: ArrayLike | None = None,
+    *,
+    endless: bool = False,
+) -> Curve:
+    """Make the curve that a file holds; one that is the same in both directions has one side."""
+    errors, backward = frozen(errors_um), None
+    if backward_um is not None and not np.array_equal(errors_um, backward_um):
+        backward = frozen(backward_um)
+    return Curve(COMPONENTS[code], frozen(positions_mm), errors, backward, endless)

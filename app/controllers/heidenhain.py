@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import Field
 
-from app.arrays import FloatArray, frozen
+from app.arrays import FloatArray
 from app.controllers.curve import Curve
 from app.controllers.error_table import TRANSLATIONS, ErrorTable
 from app.controllers.format import (
@@ -35,8 +35,8 @@ from app.controllers.format import (
     SignedOptions,
     Status,
     axes_of,
-    component_named,
     curve_code,
+    curve_read,
     factor_of,
     of_axis,
 )
@@ -309,8 +309,7 @@ def _newer_curves(
             reading.leave_aside(f"column {name} of {header.file}", "it is not of X, Y or Z")
             continue
         errors = factor_of(options.sign) * np.array(column) * UM_PER_MM
-        component = component_named(curve_code(name.lower(), axis))
-        curves.append(Curve(component, frozen(at), frozen(errors)))
+        curves.append(curve_read(curve_code(name.lower(), axis), at, errors))
     return curves
 
 
@@ -355,7 +354,7 @@ def _curves(lines: Sequence[Line], axis: str, options: HeidenhainOptions) -> lis
     factor = factor_of(options.sign) * UM_PER_MM
     columns = np.array(values).T * factor
     return [
-        Curve(component_named(curve_code(output, axis)), frozen(at), frozen(errors))
+        curve_read(curve_code(output, axis), at, errors)
         for output, errors in zip(outputs, columns, strict=True)
     ]
 
@@ -403,7 +402,6 @@ HEIDENHAIN: Final = Format(
     options=HeidenhainOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 10.0**-_DECIMALS * UM_PER_MM,
     for_band=_named_by_band,
     joint=_joint,
 )

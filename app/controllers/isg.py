@@ -166,5 +166,4 @@ ISG: Final = Format(
     options=Options,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 1e-6,
 )

@@ -32,8 +32,8 @@ from app.controllers.format import (
     Rendered,
     Status,
     axes_of,
-    component_named,
     curve_code,
+    curve_read,
     of_axis,
     steps_at_home,
 )
@@ -486,9 +486,7 @@ def _read(file: ControllerFile, axis: str, kind: int, units: str, reading: Readi
             f"expected errors within ±{LARGEST_ERROR_MM:g} mm as type {kind} in {units}, got "
             f"{largest:g} mm",
         )
-    forward, backward = (frozen(side * UM_PER_MM) for side in errors.T)
-    both = None if np.array_equal(forward, backward) else backward
-    return Curve(component_named(curve_code(axis, axis)), frozen(nominal[:, 0]), forward, both)
+    return curve_read(curve_code(axis, axis), nominal[:, 0], *(errors.T * UM_PER_MM))
 
 
 def _expect_kind(file: ControllerFile, kind: int, nominal: FloatArray, values: FloatArray) -> None:
@@ -543,7 +541,4 @@ LINUXCNC: Final = Format(
     options=LinuxCncOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: (
-        10.0 ** -_DECIMALS[options.linear_units] * _MM_PER[options.linear_units] * UM_PER_MM
-    ),
 )

@@ -18,16 +18,16 @@ from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
     ControllerFile,
     Count,
+    EvenSpacing,
     Format,
     Parsed,
     Reading,
     Rendered,
     SignedOptions,
-    Spacing,
     Status,
     axes_of,
-    component_named,
     curve_code,
+    curve_read,
     factor_of,
 )
 from app.controllers.grids import even_grid, even_positions
@@ -59,9 +59,7 @@ class MdsiOptions(SignedOptions):
     most_points: Annotated[Count, Field(ge=2, le=10_000)] = Field(
         1000, description="Points that an axis may have"
     )
-    spacing_mm: Spacing | None = Field(
-        None, description="Distance of the points [mm]; the maps' own where not stated"
-    )
+    spacing_mm: EvenSpacing = None
 
 
 def _render(table: ErrorTable, options: MdsiOptions) -> Rendered:
@@ -190,16 +188,8 @@ def _curve(
     at = frozen((start + spacing * np.arange(count)) / options.counts_per_mm)
     line.position_mm(f"{max(abs(at[0]), abs(at[-1])):.6f}")
     axis = LINEAR_LETTERS[number]
-    same = np.array_equal(sides[0], sides[1])
-    return Curve(
-        component_named(curve_code(axis, axis)),
-        at,
-        sides[0] * factor,
-        None if same else sides[1] * factor,
-    )
+    return curve_read(curve_code(axis, axis), at, sides[0] * factor, sides[1] * factor)
 
-
-STATUS: Final = Status.SEED
 
 MDSI: Final = Format(
     name="mdsi",
@@ -208,12 +198,11 @@ MDSI: Final = Format(
     units="machine counts",
     spacing="equidistant from the most negative position, a whole number of counts",
     limits="whole counts; displacement along the own axis only",
-    status=STATUS,
+    status=Status.SEED,
     holds=LINEAR,
     folds=False,
     both_directions=LINEAR,
     options=MdsiOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: UM_PER_MM / options.counts_per_mm,
 )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+from app.controllers.curve import Curve
 from app.controllers.format import ControllerFile, Reading
-from app.controllers.lines import Line, lines_of
+from app.controllers.grids import even_positions
+from app.controllers.lines import Line, fixed, lines_of
 from app.errors import InvalidContent
+from app.units import UM_PER_MM
 
 END: Final = "M17"
 
@@ -28,6 +31,30 @@ _VARIABLE: Final = re.compile(r"\$(\w+)\s*(?:\[([^\]]*)\])?\s*=?\s*(.*)", re.ASC
 _VALUE: Final = re.compile(r"(\(\s*\w+\s*\)|'?[^\s()']+'?)", re.ASCII)
 _INDEX: Final = re.compile(r"\s*(\w+)\s*(?:[,.]\s*(\w+)\s*)?(?:[,.]\s*(\w+)\s*)?")
 _OFF: Final = ("0", "FALSE")
+
+
+def written(file: str, head: Sequence[str], rows: Sequence[str]) -> ControllerFile:
+    """Write a file of assignments."""
+    lines = [f"%{file}", "CHANDATA(1)", *(f"; {line}" for line in head), *rows, END]
+    return ControllerFile(f"{file[1:]}.INI", "\n".join(lines) + "\n")
+
+
+def evenly(curve: Curve, options: Any, through_mm: float | None = None) -> Curve:
+    """Sample a curve as `most_points` and `spacing_mm` of the options have it, and round it."""
+    most, spacing_mm = options.most_points, options.spacing_mm
+    field = "options.spacing_mm"
+    at = even_positions(curve.positions_mm, most, spacing_mm, field, through_mm)
+    return curve.sampled(at).rounded(10.0**-options.decimals * UM_PER_MM)
+
+
+def placing(curve: Curve) -> dict[str, str]:
+    """Give the settings that place an even curve's points."""
+    at = curve.positions_mm
+    return {
+        "STEP": fixed(float(at[-1] - at[0]) / (at.size - 1), 4),
+        "MIN": fixed(float(at[0]), 4),
+        "MAX": fixed(float(at[-1]), 4),
+    }
 
 
 @dataclass(frozen=True, slots=True)

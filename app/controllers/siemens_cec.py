@@ -16,29 +16,37 @@ from app.arrays import frozen
 from app.controllers.curve import BACKWARD, FORWARD, Curve
 from app.controllers.error_table import TRANSLATIONS, ErrorTable
 from app.controllers.format import (
-    Axis,
+    AxisNames,
     ControllerFile,
     Count,
+    Decimals,
+    EvenSpacing,
     Format,
     HomeOptions,
-    Label,
     Parsed,
     Reading,
     Rendered,
     SignedOptions,
-    Spacing,
     Status,
-    component_named,
     curve_code,
+    curve_read,
     factor_of,
     of_axis,
     steps_at_home,
 )
-from app.controllers.grids import even_positions
 from app.controllers.heads import head
 from app.controllers.lines import fixed
-from app.controllers.siemens import END, EvenTable, Program, program, switched_off
+from app.controllers.siemens import (
+    EvenTable,
+    Program,
+    evenly,
+    placing,
+    program,
+    switched_off,
+    written,
+)
 from app.errors import InvalidContent, list_names
+from app.geometry.components import COMPONENTS
 from app.units import UM_PER_MM
 
 FILE: Final = "_N_NC_CEC_INI"
@@ -65,10 +73,7 @@ class CecOptions(SignedOptions, HomeOptions):
         ("first_table", "most_tables", "most_points", "spacing_mm", "decimals", "home_mm")
     )
 
-    axes: dict[Axis, Label] = Field(
-        default_factory=lambda: {"x": "AX1", "y": "AX2", "z": "AX3"},
-        description="The machine's name of each axis",
-    )
+    axes: AxisNames = Field(default_factory=lambda: {"x": "AX1", "y": "AX2", "z": "AX3"})
     first_table: Annotated[Count, Field(ge=0, le=999)] = Field(
         0, description="Number of the first table"
     )
@@ -78,22 +83,15 @@ class CecOptions(SignedOptions, HomeOptions):
     most_points: Annotated[Count, Field(ge=2, le=5000)] = Field(
         200, description="Points that a table may have: machine data 18342 (828D: 200)"
     )
-    spacing_mm: Spacing | None = Field(
-        None, description="Distance of the points [mm]; the maps' own where not stated"
-    )
-    decimals: Annotated[Count, Field(ge=3, le=7)] = Field(
-        4, description="Decimals of the values [mm]"
-    )
+    spacing_mm: EvenSpacing = None
+    decimals: Decimals = 4
 
 
 def _render(table: ErrorTable, options: CecOptions) -> Rendered:
     factor, number = factor_of(options.sign), options.first_table
-    unit_um = 10.0**-options.decimals * UM_PER_MM
-    lines = [f"%{FILE}", "CHANDATA(1)"]
-    lines += [f"; {x}" for x in head(table.origin, SIEMENS_CEC, options)]
-    curves = []
+    lines, curves = [], []
     for curve in table.curves.values():
-        loaded = _evenly(curve, options).rounded(unit_um)
+        loaded = evenly(curve, options)
         curves.append(loaded)
         for direction, errors in loaded.sides:
             way = None if loaded.backward_errors is None else direction
@@ -106,9 +104,8 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
             f"expected at most {options.most_tables} tables, got components and directions that "
             f"need {number - options.first_table}; name fewer in options.components",
         )
-    lines.append(END)
     return Rendered(
-        [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
+        [written(FILE, head(table.origin, SIEMENS_CEC, options), lines)],
         curves,
         [
             "load CEC tables with MD 32710 CEC_ENABLE off, then switch it on with SD 41300 "
@@ -118,24 +115,13 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
     )
 
 
-def _evenly(curve: Curve, options: CecOptions) -> Curve:
-    return curve.sampled(
-        even_positions(
-            curve.positions_mm, options.most_points, options.spacing_mm, "options.spacing_mm"
-        )
-    )
-
-
 def _table(
     number: int, curve: Curve, values: Sequence[str], direction: int, options: CecOptions
 ) -> list[str]:
-    at = curve.positions_mm
     settings = {
         "INPUT_AXIS": f"({_name_of(str(curve.component.axis), options)})",
         "OUTPUT_AXIS": f"({_name_of(curve.component.direction, options)})",
-        "STEP": fixed(float(at[-1] - at[0]) / (at.size - 1), 4),
-        "MIN": fixed(float(at[0]), 4),
-        "MAX": fixed(float(at[-1]), 4),
+        **placing(curve),
         "DIRECTION": str(direction),
         "MULT_BY_TABLE": "0",
         "IS_MODULO": "0",
@@ -237,12 +223,10 @@ def _direction_of(table: EvenTable, field: str) -> int:
 
 def _joined(code: str, sides: dict[tuple[str, int], tuple[list[float], list[float]]]) -> Curve:
     """Join the tables of both directions; a missing one is 0: the controller adds nothing."""
-    component = component_named(code)
     if (code, 0) in sides:
-        at, values = sides[code, 0]
-        return Curve(component, frozen(at), frozen(values))
+        return curve_read(code, *sides[code, 0])
     by_direction = {
-        direction: Curve(component, frozen(at), frozen(values))
+        direction: curve_read(code, at, values)
         for (c, direction), (at, values) in sides.items()
         if c == code
     }
@@ -251,7 +235,7 @@ def _joined(code: str, sides: dict[tuple[str, int], tuple[list[float], list[floa
         by_direction[d].at(frozen(at)) if d in by_direction else frozen([0.0] * len(at))
         for d in (1, -1)
     ]
-    return Curve(component, frozen(at), both[0], both[1])
+    return Curve(COMPONENTS[code], frozen(at), both[0], both[1])
 
 
 def _numbered_by_band(options: CecOptions, _band: int, tables: int) -> CecOptions:
@@ -268,8 +252,6 @@ def _numbered_by_band(options: CecOptions, _band: int, tables: int) -> CecOption
     )
 
 
-STATUS: Final = Status.MANUAL
-
 SIEMENS_CEC: Final = Format(
     name="siemens-cec",
     title=TITLE,
@@ -277,13 +259,12 @@ SIEMENS_CEC: Final = Format(
     units="mm",
     spacing="equidistant, a whole number of steps; the end values beyond",
     limits="points a table by machine data 18342 (828D: 8 tables of 200 points)",
-    status=STATUS,
+    status=Status.MANUAL,
     holds=TRANSLATIONS,
     folds=True,
     both_directions=TRANSLATIONS,
     options=CecOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 10.0**-options.decimals * UM_PER_MM,
     for_band=_numbered_by_band,
 )

@@ -11,30 +11,36 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import Field
 
-from app.arrays import frozen
 from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
-    Axis,
+    AxisNames,
     ControllerFile,
     Count,
+    Decimals,
+    EvenSpacing,
     Format,
-    Label,
     Parsed,
     Reading,
     ReferenceOptions,
     Rendered,
-    Spacing,
     Status,
     axes_of,
-    component_named,
     curve_code,
+    curve_read,
     of_axis,
 )
-from app.controllers.grids import even_positions
 from app.controllers.heads import head
 from app.controllers.lines import fixed
-from app.controllers.siemens import END, EvenTable, Program, program, switched_off
+from app.controllers.siemens import (
+    EvenTable,
+    Program,
+    evenly,
+    placing,
+    program,
+    switched_off,
+    written,
+)
 from app.errors import list_names
 from app.units import UM_PER_MM
 
@@ -49,65 +55,37 @@ class EncCompOptions(ReferenceOptions):
 
     layout: ClassVar[frozenset[str]] = frozenset(("most_points", "spacing_mm", "decimals"))
 
-    axes: dict[Axis, Label] = Field(
-        default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"},
-        description="The machine's name of each axis",
-    )
+    axes: AxisNames = Field(default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"})
     encoder: Annotated[Count, Field(ge=0, le=1)] = Field(0, description="Number of the encoder")
     most_points: Annotated[Count, Field(ge=2, le=5000)] = Field(
         200, description="Points of an axis: machine data 38000 (808D: 200)"
     )
-    spacing_mm: Spacing | None = Field(
-        None, description="Distance of the points [mm]; the maps' own where not stated"
-    )
-    decimals: Annotated[Count, Field(ge=3, le=7)] = Field(
-        4, description="Decimals of the values [mm]"
-    )
+    spacing_mm: EvenSpacing = None
+    decimals: Decimals = 4
 
 
 def _render(table: ErrorTable, options: EncCompOptions) -> Rendered:
-    unit_um = 10.0**-options.decimals * UM_PER_MM
-    lines = [f"%{FILE}", "CHANDATA(1)"]
-    lines += [f"; {x}" for x in head(table.origin, SIEMENS_ENC_COMP, options)]
-    curves = []
+    lines, curves = [], []
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
-        loaded = _evenly(table.curves[curve_code(axis, axis)], axis, options).rounded(unit_um)
+        curve, reference = table.curves[curve_code(axis, axis)], options.reference_mm.get(axis, 0.0)
+        loaded = evenly(curve, options, reference)
         curves.append(loaded)
         lines += _lines(loaded, name, options)
-    lines.append(END)
     return Rendered(
-        [ControllerFile(f"{FILE[1:]}.INI", "\n".join(lines) + "\n")],
+        [written(FILE, head(table.origin, SIEMENS_ENC_COMP, options), lines)],
         curves,
         ["the controller does not check the size of ENC_COMP values: look at the check table"],
     )
 
 
-def _evenly(curve: Curve, axis: str, options: EncCompOptions) -> Curve:
-    reference = options.reference_mm.get(axis, 0.0)
-    return curve.sampled(
-        even_positions(
-            curve.positions_mm,
-            options.most_points,
-            options.spacing_mm,
-            "options.spacing_mm",
-            reference,
-        )
-    )
-
-
 def _lines(curve: Curve, name: str, options: EncCompOptions) -> list[str]:
-    at, e = curve.positions_mm, options.encoder
+    e = options.encoder
     rows = [
         f"$AA_ENC_COMP[{e},{place},{name}]={fixed(float(error) / UM_PER_MM, options.decimals)}"
         for place, error in enumerate(curve.errors)
     ]
-    settings = {
-        "STEP": fixed(float(at[-1] - at[0]) / (at.size - 1), 4),
-        "MIN": fixed(float(at[0]), 4),
-        "MAX": fixed(float(at[-1]), 4),
-        "IS_MODULO": "0",
-    }
+    settings = {**placing(curve), "IS_MODULO": "0"}
     return rows + [f"$AA_ENC_COMP_{key}[{e},{name}]={value}" for key, value in settings.items()]
 
 
@@ -130,7 +108,7 @@ def _parse(files: Sequence[ControllerFile], options: EncCompOptions) -> Parsed:
             at = table.grid(_PLACED, field)
             values = [value * UM_PER_MM for value in table.ordered()]
             code = curve_code(axes[name], axes[name])
-            reading.add(Curve(component_named(code), frozen(at), frozen(values)), file.name)
+            reading.add(curve_read(code, at, values), file.name)
         read.leave_rest_aside(reading)
     return reading.parsed(files)
 
@@ -170,5 +148,4 @@ SIEMENS_ENC_COMP: Final = Format(
     options=EncCompOptions,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 10.0**-options.decimals * UM_PER_MM,
 )

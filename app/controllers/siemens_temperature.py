@@ -19,9 +19,9 @@ from app.controllers.curve import Curve
 from app.controllers.error_table import LINEAR, ErrorTable
 from app.controllers.format import (
     Axis,
+    AxisNames,
     ControllerFile,
     Format,
-    Label,
     Length,
     Parsed,
     Reading,
@@ -29,8 +29,8 @@ from app.controllers.format import (
     SignedOptions,
     Status,
     axes_of,
-    component_named,
     curve_code,
+    curve_read,
     factor_of,
     of_axis,
 )
@@ -53,10 +53,7 @@ _SHOWN_MM: Final = 1000.0
 class TemperatureOptions(SignedOptions):
     """Options of temperature compensation."""
 
-    axes: dict[Axis, Label] = Field(
-        default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"},
-        description="The machine's name of each axis",
-    )
+    axes: AxisNames = Field(default_factory=lambda: {"x": "X1", "y": "Y1", "z": "Z1"})
     reference_position_mm: dict[Axis, Length] = Field(
         default_factory=dict, description="P0 of each axis [mm]; 0 where not stated"
     )
@@ -172,7 +169,7 @@ def _line(
     steep = steep if active & _SLOPE else 0.0
     at = frozen([at_mm, at_mm + _SHOWN_MM])
     errors = factor * (value_mm + steep * (at - at_mm)) * UM_PER_MM
-    return Curve(component_named(curve_code(axis, axis)), at, errors, endless=True)
+    return curve_read(curve_code(axis, axis), at, errors, endless=True)
 
 
 SIEMENS_TEMPERATURE: Final = Format(
@@ -189,6 +186,4 @@ SIEMENS_TEMPERATURE: Final = Format(
     options=TemperatureOptions,
     render=_render,
     parse=_parse,
-    # A billionth of the slope over a metre, and a millionth of a millimetre.
-    resolution=lambda options: 4e-3,
 )

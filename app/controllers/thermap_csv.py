@@ -132,5 +132,4 @@ THERMAP_CSV: Final = Format(
     options=Options,
     render=_render,
     parse=_parse,
-    resolution=lambda options: 10.0**-_DECIMALS,
 )
