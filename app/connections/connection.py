@@ -6,18 +6,48 @@ A kind is a table (`ConnectionTable`), which names the extra that it needs and h
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SecretStr,
+    field_validator,
+)
 
 from app.answer import Answer
 from app.errors import list_names
 from app.units import TemperatureUnit
 
 ShortName: TypeAlias = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+def _expect_set(name: str) -> str:
+    if not os.environ.get(name):
+        raise ValueError(f"expected a variable of the environment, got {name!r}: it is unset")
+    return name
+
+
+def _read_secret(raw: object) -> SecretStr:
+    if not isinstance(raw, str):
+        raise ValueError("expected a text, got another type")
+    return SecretStr(raw)
+
+
+Variable: TypeAlias = Annotated[
+    str, Field(min_length=1, max_length=200), AfterValidator(_expect_set)
+]
+"""Name of a variable of the environment that has a secret."""
+
+Secret: TypeAlias = Annotated[SecretStr, BeforeValidator(_read_secret)]
+"""What is written nowhere, neither in errors."""
 
 
 def _read_unit(raw: object) -> TemperatureUnit:

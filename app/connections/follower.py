@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from app.connections.connection import (
     PLAIN,
@@ -20,6 +20,7 @@ from app.connections.connection import (
     ShortName,
     TemperatureTable,
 )
+from app.connections.intake import TakesValues
 from app.connections.known_values import KnownValues
 from app.connections.sparing_log import SparingLog
 from app.errors import counted
@@ -192,9 +193,17 @@ class Follower(ABC):
 
 
 class FollowedTable(ConnectionTable):
-    """A sender that is followed for one machine."""
+    """A sender that is followed for one machine: what its sensors and states are read from."""
 
     machine: ShortName
+    sensors: dict[str, Any]
+    state: dict[str, Any]
+
+    @property
+    def followed(self) -> dict[str, Followed]:
+        """The source of each; states are taken as they are."""
+        sources = {name: Followed(table.source, table) for name, table in self.sensors.items()}
+        return sources | {name: Followed(table.source, None) for name, table in self.state.items()}
 
 
 class FollowingConnection:
@@ -207,13 +216,13 @@ class FollowingConnection:
         self,
         table: FollowedTable,
         endpoint: str,
-        known: KnownValues,
+        intake: TakesValues,
         context: Callable[[], Context],
     ) -> None:
         self._name = table.name
         self._machine = table.machine
         self._endpoint = endpoint
-        self._known = known
+        self._known = KnownValues(intake, table.machine, table.sensors, table.state)
         self._context = context
         self._last_value_at: datetime | None = None
 

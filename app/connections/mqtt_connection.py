@@ -13,7 +13,7 @@ from app.connections.connection import Connection, TellsTables
 from app.connections.follower import Trouble
 from app.connections.intake import Fate, TakesValues
 from app.connections.known_values import REPEATED_S
-from app.connections.mqtt_link import Arrived, Broker, BrokerRefused, Link, LinkLost
+from app.connections.mqtt_link import Arrived, BrokerRefused, Link, LinkLost
 from app.connections.mqtt_payloads import Unusable
 from app.connections.mqtt_publisher import TablePublisher
 from app.connections.mqtt_readers import MessageValues, read_message
@@ -72,7 +72,7 @@ class MqttConnection(TellsTables):
     async def run(self) -> None:
         """Follow the broker until contact is lost."""
         try:
-            async with Link.opened(self._broker()) as link:
+            async with Link.opened(self._table) as link:
                 await self._attend(link)
         finally:
             self._leave()
@@ -109,21 +109,6 @@ class MqttConnection(TellsTables):
     def _silence(self, machine: str, sensor: str) -> str:
         limit_s = self._limit_s[machine, sensor]
         return f"{sensor} of {machine!r} has said nothing usable for more than {limit_s:g} s"
-
-    def _broker(self) -> Broker:
-        table = self._table
-        return Broker(
-            host=table.host,
-            port=table.port_used,
-            client_id=table.client_id,
-            username=table.username,
-            password=table.secret,
-            encryption=table.encryption(),
-            session_expiry_s=table.session_expiry_s,
-            receive_maximum=table.receive_maximum,
-            keepalive_s=table.keepalive_s,
-            state_topic=None if table.publish is None else f"{table.publish}/state",
-        )
 
     async def _attend(self, link: Link) -> None:
         """Do all that a contact is for, until it ends."""

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import asyncio
 import math
-import ssl
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from socket import socketpair
 from threading import Condition, Event, Thread
@@ -28,6 +27,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
+from app.connections.mqtt_tables import MqttTable
 from app.errors import ThermapError
 
 ANSWER_S: Final = 10.0
@@ -71,31 +71,6 @@ class BrokerRefused(ThermapError):
     """The broker refuses what is published; the sentence says what and why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Broker:
-    """Where a broker is, and as whom it is spoken to.
-
-    Parameters
-    ----------
-    state_topic
-        Where `online` is retained, and by the broker `offline` when contact is lost; None for
-        nowhere.
-    receive_maximum
-        Messages that the broker sends before the first of them is acknowledged.
-    """
-
-    host: str
-    port: int
-    client_id: str
-    username: str | None = None
-    password: str | None = field(default=None, repr=False)
-    encryption: ssl.SSLContext | None = None
-    session_expiry_s: int = 3600
-    receive_maximum: int = 500
-    keepalive_s: int = 15
-    state_topic: str | None = None
-
-
 @dataclass(eq=False, slots=True)
 class Arrived:
     """A message that came, until it is settled.
@@ -126,7 +101,7 @@ class Arrived:
 class Link:
     """A contact; `opened` makes one."""
 
-    def __init__(self, broker: Broker) -> None:
+    def __init__(self, broker: MqttTable) -> None:
         self._broker = broker
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[Arrived] = deque()
@@ -151,7 +126,7 @@ class Link:
 
     @staticmethod
     @asynccontextmanager
-    async def opened(broker: Broker) -> AsyncIterator[Link]:
+    async def opened(broker: MqttTable) -> AsyncIterator[Link]:
         """Make contact for as long as the block lasts.
 
         Raises
@@ -281,9 +256,9 @@ class Link:
             manual_ack=True,
         )
         if broker.username is not None:
-            client.username_pw_set(broker.username, broker.password)
-        if broker.encryption is not None:
-            client.tls_set_context(broker.encryption)
+            client.username_pw_set(broker.username, broker.secret)
+        if (tls := broker.encryption()) is not None:
+            client.tls_set_context(tls)
         if broker.state_topic is not None:
             client.will_set(broker.state_topic, b"offline", qos=ASSURED, retain=True)
         client.connect_timeout = ANSWER_S
@@ -319,7 +294,7 @@ class Link:
 
     @property
     def _where(self) -> str:
-        return f"{self._broker.host}:{self._broker.port}"
+        return f"{self._broker.host}:{self._broker.port_used}"
 
     def _awake(self, *_ignored: Any) -> None:
         """Let the network's thread look whether there is something to send."""
@@ -377,7 +352,7 @@ class Link:
         properties.MaximumPacketSize = LARGEST_MESSAGE
         self._client.connect(
             broker.host,
-            broker.port,
+            broker.port_used,
             broker.keepalive_s,
             clean_start=False,
             properties=properties,

@@ -11,7 +11,6 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import (
     BeforeValidator,
     Field,
-    SecretStr,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -20,9 +19,11 @@ from pydantic import (
 from app.compensation.table_steps import SMALLEST_STEP
 from app.connections.connection import (
     ConnectionTable,
+    Secret,
     ShortName,
     Table,
     TemperatureTable,
+    Variable,
     each,
 )
 from app.connections.mqtt_payloads import JsonPath, TimeForm
@@ -136,8 +137,8 @@ class MqttTable(ConnectionTable):
     receive_maximum: int = Field(500, ge=1, le=5000)
     keepalive_s: int = Field(15, ge=2, le=600)
     username: Annotated[str, Field(min_length=1, max_length=200)] | None = None
-    password: SecretStr | None = None
-    password_env: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    password: Secret | None = None
+    password_env: Variable | None = None
     tls: bool = False
     ca: FilePath | None = None
     cert: FilePath | None = None
@@ -147,20 +148,6 @@ class MqttTable(ConnectionTable):
     ) = None
     min_change_um: float = Field(0.1, ge=0.0, le=1e6)
     max_step_um: float | None = Field(None, ge=SMALLEST_STEP, le=1e6)
-
-    @field_validator("password", mode="before")
-    @classmethod
-    def _as_secret(cls, raw: Any) -> SecretStr:
-        if not isinstance(raw, str):
-            raise ValueError("expected a text, got another type")
-        return SecretStr(raw)
-
-    @field_validator("password_env")
-    @classmethod
-    def _is_set(cls, name: str | None) -> str | None:
-        if name is not None and not os.environ.get(name):
-            raise ValueError(f"expected the password in the environment variable {name}, got none")
-        return name
 
     @model_validator(mode="after")
     def _fits_together(self) -> MqttTable:
@@ -190,6 +177,11 @@ class MqttTable(ConnectionTable):
         if self.password_env is not None:
             return os.environ.get(self.password_env)
         return None if self.password is None else self.password.get_secret_value()
+
+    @property
+    def state_topic(self) -> str | None:
+        """Where `online` is retained, and by the broker `offline` when contact is lost."""
+        return None if self.publish is None else f"{self.publish}/state"
 
     @property
     def endpoint(self) -> str:

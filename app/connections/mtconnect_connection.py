@@ -9,14 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 import httpx
 from pydantic import Field
 
-from app.connections.connection import (
-    Table,
-    TemperatureTable,
-    each,
-)
-from app.connections.follower import Followed, FollowedTable, FollowingConnection
+from app.connections.connection import Table, TemperatureTable, each
+from app.connections.follower import FollowedTable, FollowingConnection
 from app.connections.intake import TakesValues
-from app.connections.known_values import REPEATED_S, KnownValues
+from app.connections.known_values import REPEATED_S
 from app.services.context import Context
 
 if TYPE_CHECKING:
@@ -28,7 +24,7 @@ _URL: Final = r"https?://[^\s]+"
 class StateItemTable(Table):
     """A data item that a state is read from, in the agent's unit: its id or name."""
 
-    item: Annotated[str, Field(min_length=1, max_length=200)]
+    source: Annotated[str, Field(min_length=1, max_length=200, alias="item")]
 
 
 class ItemTable(TemperatureTable, StateItemTable):
@@ -57,8 +53,8 @@ class AgentConnection(FollowingConnection):
     def __init__(
         self, table: MtconnectTable, intake: TakesValues, context: Callable[[], Context]
     ) -> None:
-        known = KnownValues(intake, table.machine, table.sensors, table.state)
-        super().__init__(table, str(httpx.URL(table.url).copy_with(userinfo=b"")), known, context)
+        endpoint = str(httpx.URL(table.url).copy_with(userinfo=b""))
+        super().__init__(table, endpoint, intake, context)
         self._table = table
 
     async def run(self) -> None:
@@ -68,15 +64,11 @@ class AgentConnection(FollowingConnection):
         from app.connections.mtconnect_agent import Agent
 
         table = self._table
-        followed = {name: Followed(sensor.item, sensor) for name, sensor in table.sensors.items()}
-        followed |= {
-            name: Followed(state_item.item, None) for name, state_item in table.state.items()
-        }
         async with httpx.AsyncClient() as http, asyncio.TaskGroup() as tasks:
             agent = Agent(http, table.url)
             if self._follower is None:
                 self._follower = AgentFollower(
-                    agent, followed, self._take, table.every_s, table.stream
+                    agent, table.followed, self._take, table.every_s, table.stream
                 )
             self._follower.agent = agent
             tasks.create_task(self._follower.run())

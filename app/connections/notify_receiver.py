@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo
 
-from pydantic import Field, SecretStr, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from app.connections.connection import ShortName, Table
+from app.connections.connection import Secret, ShortName, Table, Variable
 from app.errors import list_names
 from app.foreign_text import HIDDEN, shown
 from app.services.tell_receivers import Rules
@@ -37,28 +37,14 @@ class NotifyTable(Table):
     library: ClassVar[str] = "apprise"
 
     name: ShortName
-    url: SecretStr | None = None
-    url_env: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    url: Secret | None = None
+    url_env: Variable | None = None
     machines: Annotated[tuple[ShortName, ...], Field(strict=False, max_length=1000)] = ()
     verdicts: Annotated[tuple[Verdict, ...], Field(strict=False)] = ALARMING
     after_s: float = Field(60.0, ge=0.0, le=86_400.0)
     repeat_h: float = Field(24.0, ge=0.1, le=8760.0)
     zone: str | None = None
     link: Annotated[str, Field(pattern=r"^https?://[^\s?#]+$", max_length=500)] | None = None
-
-    @field_validator("url", mode="before")
-    @classmethod
-    def _as_secret(cls, raw: Any) -> SecretStr:
-        if not isinstance(raw, str):
-            raise ValueError("expected a text, got another type")
-        return SecretStr(raw)
-
-    @field_validator("url_env")
-    @classmethod
-    def _is_set(cls, name: str | None) -> str | None:
-        if name is not None and not os.environ.get(name):
-            raise ValueError(f"expected the URL in the environment variable {name}, got none")
-        return name
 
     @field_validator("verdicts", mode="before")
     @classmethod

@@ -8,20 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from pydantic import Field
 
-from app.connections.connection import (
-    Table,
-    TemperatureTable,
-    each,
-)
-from app.connections.follower import Followed, FollowedTable, FollowingConnection
+from app.connections.connection import Table, TemperatureTable, each
+from app.connections.follower import FollowedTable, FollowingConnection
 from app.connections.intake import TakesValues
-from app.connections.known_values import REPEATED_S, KnownValues
+from app.connections.known_values import REPEATED_S
 from app.connections.opcua_security import SecurityTable, UserTable
 from app.services.context import Context
 
 if TYPE_CHECKING:
     from app.connections.opcua_client import ServerFollower
-    from app.connections.opcua_session import Access, Security
+    from app.connections.opcua_session import Access
 
 log = logging.getLogger("thermap")
 
@@ -33,7 +29,7 @@ _NODE: Final = r"^((ns=\d+;)?(i=\d+|[sgb]=.+)|nsu=[^;]+;(i=\d+|[sgb]=.+))$"
 class StateNodeTable(Table):
     """A node that a state is read from, in the server's unit."""
 
-    node: Annotated[str, Field(pattern=_NODE, max_length=500)]
+    source: Annotated[str, Field(pattern=_NODE, max_length=500, alias="node")]
 
 
 class NodeTable(TemperatureTable, StateNodeTable):
@@ -58,14 +54,11 @@ class OpcuaTable(FollowedTable):
     @property
     def access(self) -> Access:
         """Where the server is and who asks it, with the password as it is now."""
-        from app.connections.opcua_session import Access, Security
+        from app.connections.opcua_session import Access
 
-        security: Security | None = None
-        if self.security is not None:
-            security = Security(**self.security.model_dump())
         if self.user is None:
-            return Access(self.endpoint, security)
-        return Access(self.endpoint, security, self.user.name, self.user.password)
+            return Access(self.endpoint, self.security)
+        return Access(self.endpoint, self.security, self.user.name, self.user.password)
 
     def expect_usable(self) -> None:
         """Refuse files that are no certificates; ValueError."""
@@ -82,8 +75,7 @@ class ServerConnection(FollowingConnection):
     def __init__(
         self, table: OpcuaTable, intake: TakesValues, context: Callable[[], Context]
     ) -> None:
-        known = KnownValues(intake, table.machine, table.sensors, table.state)
-        super().__init__(table, table.endpoint, known, context)
+        super().__init__(table, table.endpoint, intake, context)
         self._table = table
 
     async def run(self) -> None:
@@ -92,14 +84,10 @@ class ServerConnection(FollowingConnection):
         from app.connections.opcua_client import ServerFollower
 
         table = self._table
-        followed = {name: Followed(sensor.node, sensor) for name, sensor in table.sensors.items()}
-        followed |= {
-            name: Followed(state_node.node, None) for name, state_node in table.state.items()
-        }
         if self._follower is None:
             self._follower = ServerFollower(
                 table.access,
-                followed,
+                table.followed,
                 self._take,
                 lambda: self._context().now(),
                 publishing_s=table.publishing_s,

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from app.connections.connection import Table
+from app.connections.connection import Table, Variable
 
 SecurityMode: TypeAlias = Literal["Sign", "SignAndEncrypt"]
 
@@ -52,14 +52,7 @@ class UserTable(Table):
     """A user; the password stands in a variable of the environment."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    password_env: Annotated[str, Field(min_length=1, max_length=200)]
-
-    @field_validator("password_env")
-    @classmethod
-    def _is_set(cls, name: str) -> str:
-        if name not in os.environ:
-            raise ValueError(f"expected a variable of the environment, got {name!r}: it is unset")
-        return name
+    password_env: Variable
 
     @property
     def password(self) -> str:

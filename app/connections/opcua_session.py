@@ -11,7 +11,6 @@ import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from asyncua import Client, ua
@@ -26,7 +25,7 @@ from app.connections.opcua_certificates import (
     read_certificate,
     sent_certificate,
 )
-from app.connections.opcua_security import SecurityMode, SecurityPolicy
+from app.connections.opcua_security import SecurityTable
 from app.errors import list_names
 
 log = logging.getLogger("thermap")
@@ -55,22 +54,11 @@ logging.getLogger("asyncua.client").setLevel(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
-class Security:
-    """How messages are signed or encrypted: files in DER or PEM, and whom to believe."""
-
-    mode: SecurityMode
-    policy: SecurityPolicy
-    certificate: Path
-    private_key: Path
-    server_certificate: Path
-
-
-@dataclass(frozen=True, slots=True)
 class Access:
     """Where a server is, and who asks it; without a user anonymously."""
 
     endpoint: str
-    security: Security | None = None
+    security: SecurityTable | None = None
     user: str = ""
     password: str = ""
 
@@ -115,7 +103,7 @@ async def _identify(client: Client, access: Access) -> None:
     )
 
 
-def _usable_certificates(security: Security) -> tuple[Certificate, Certificate]:
+def _usable_certificates(security: SecurityTable) -> tuple[Certificate, Certificate]:
     """Read our certificate and the server's anew; UaError where one is not valid now."""
     certificates = []
     for path in (security.certificate, security.server_certificate):

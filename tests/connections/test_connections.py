@@ -45,11 +45,11 @@ def test_the_example_is_a_file_of_connections(tmp_path, monkeypatch):
         (tmp_path / name).rename(tmp_path / given)
     found = read_connections(file_of(tmp_path, EXAMPLE.read_text(encoding="utf-8")))
     (agent,) = found.mtconnect
-    assert agent.sensors["x-middle"].item == "Xtemp"
+    assert agent.sensors["x-middle"].source == "Xtemp"
     assert agent.sensors["z-column"].unit == "FAHRENHEIT"
-    assert agent.state["spindle_rpm"].item == "Srpm"
+    assert agent.state["spindle_rpm"].source == "Srpm"
     (server,) = found.opcua
-    assert server.sensors["ram"].node == "ns=2;s=Temperatures.Ram"
+    assert server.sensors["ram"].source == "ns=2;s=Temperatures.Ram"
     assert server.sensors["bed"].unit == "KELVIN"
     assert server.access.password == "secret"
     assert server.access.security.server_certificate == tmp_path / "press.der"

@@ -12,7 +12,7 @@ from paho.mqtt.client import MQTTMessage
 from app.connections import mqtt_connection, mqtt_link
 from app.connections.intake import Fate
 from app.connections.mqtt_connection import MqttConnection
-from app.connections.mqtt_link import Arrived, Broker, Link
+from app.connections.mqtt_link import Arrived, Link
 from app.connections.mqtt_tables import MqttTable
 
 pytestmark = pytest.mark.anyio
@@ -26,7 +26,7 @@ def message(content, qos=0, topic="t", mid=1):
 
 @pytest.fixture
 async def link():
-    made = Link(Broker("127.0.0.1", 1, "c"))
+    made = Link(MqttTable(name="c", host="127.0.0.1", port=1, client_id="c", publish="t"))
     yield made
     made._wake.close()
     made._woken.close()

@@ -309,7 +309,7 @@ NOTIFY = '[[notify]]\nname = "n"\n'
     ("text", "words"),
     [
         (NOTIFY, "expected `url` or `url_env`, got both or none"),
-        (NOTIFY + 'url_env = "THERMAP_NONE"\n', "in the environment variable THERMAP_NONE"),
+        (NOTIFY + 'url_env = "THERMAP_NONE"\n', "got 'THERMAP_NONE': it is unset"),
         (NOTIFY + 'url = "nothing://pa55word"\n', "that begins with nothing://"),
         (NOTIFY + 'url = "pa55word"\n', "got one of 8 characters"),
         (NOTIFY + 'url = "json://h"\nzone = "Mars/Base"\n', "such as Europe/Prague, got 'Mars/B"),

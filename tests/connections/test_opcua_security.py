@@ -20,8 +20,9 @@ from app.cli.application import application
 from app.connections.config import read_connections
 from app.connections.follower import Followed
 from app.connections.opcua_certificates import read_certificate
+from app.connections.opcua_security import SecurityTable
 from app.connections.opcua_server import NAMESPACE
-from app.connections.opcua_session import Access, Security, _usable_certificates
+from app.connections.opcua_session import Access, _usable_certificates
 from app.connections.serving_tables import expect_servable
 from app.errors import InvalidContent
 from tests.connections.certificates import write_application
@@ -68,12 +69,12 @@ def access(
     policy="Basic256Sha256",
     password=PASSWORD,
 ):
-    security = Security(
-        mode,
-        policy,
-        folder / f"{client}.der",
-        folder / f"{client}.pem",
-        folder / f"{pinned}.der",
+    security = SecurityTable(
+        mode=mode,
+        policy=policy,
+        certificate=folder / f"{client}.der",
+        private_key=folder / f"{client}.pem",
+        server_certificate=folder / f"{pinned}.der",
     )
     return Access(server.url, security, "thermap", password)
 
