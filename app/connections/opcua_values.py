@@ -75,7 +75,8 @@ def seen_of(
     """
     machine_id = live.current.model.machine.id
     beside = tuple(
-        of.get(machine_id) for of in (stored.watches, stored.analyses, stored.not_adopted)
+        of.get(machine_id)
+        for of in (stored.watches, stored.analyses, stored.not_adopted, stored.waiting)
     )
     try:
         state = current_state(context, machine_id, live)

@@ -38,14 +38,11 @@ from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error, po
 from app.thermal.machine import Machine
 from app.thermal.mistaken_maps import MIRRORED, REVERSED, copied, inexplicable, mistakes
 from app.thermal.sensor_health import Health, check_temperatures
-from app.thermal.stated_temperatures import doubted_temperatures
-from app.units import TemperatureUnit, Unit
+from app.thermal.stated_temperatures import asked_in_fahrenheit, doubted_temperatures
+from app.units import Unit
 
 SHORT_SHARE_OF_TRAVEL = 0.1
 """A table that covers less than this share of its axis' travel is remarkable."""
-
-WORKSHOP_F = (50.0, 122.0)
-"""Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C all of them never do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,19 +197,7 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
 
     A map is not refused for it: a machine may be better, worse or hotter than any that we know.
     """
-    remarks = []
-    t_c = list(error_map.temperatures_c.values())
-    low, high = WORKSHOP_F
-    if t_c and all(low <= t <= high for t in t_c):
-        to_c = TemperatureUnit.FAHRENHEIT.to_c
-        as_written, meant = f"{min(t_c):g}", f"{to_c(min(t_c)):.1f}"
-        if max(t_c) > min(t_c):
-            as_written, meant = f"{as_written} to {max(t_c):g}", f"{meant} to {to_c(max(t_c)):.1f}"
-        remarks.append(
-            f"its temperatures are {as_written} °C: are they in °F? Then they are {meant} °C, and "
-            "are "
-            "to be stated so"
-        )
+    remarks = asked_in_fahrenheit(error_map.temperatures_c.values())
     lengths = [
         errors
         for table in error_map.tables.values()

@@ -26,18 +26,20 @@ from app.status.machine_status import LastCheck, MachineStatus, NotAdopted, Runn
 from app.storage.analyses import analyses_not_adopted, unfinished_analyses
 from app.storage.events import lasting_since
 from app.storage.limits import QUESTION
+from app.storage.model_versions import waiting_versions
 from app.storage.watches import NOT_WATCHED, Watched, watched_machines
 from app.thermal.sensor_health import Health, SensorState
 
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """What the database says of all machines' watches, analyses and alarms."""
+    """What the database says of all machines' watches, analyses, alarms and versions that wait."""
 
     watches: Mapping[str, Watched] = field(default_factory=dict)
     analyses: Mapping[str, RunningAnalysis] = field(default_factory=dict)
     not_adopted: Mapping[str, NotAdopted] = field(default_factory=dict)
     logged: Mapping[str, Logged] = field(default_factory=dict)
+    waiting: Mapping[str, int] = field(default_factory=dict)
 
 
 def show_status(context: Context, machine_id: str) -> MachineStatus:
@@ -79,7 +81,7 @@ def status_of(context: Context, live: LiveMachine, stored: Stored) -> MachineSta
         record=live.readings.record(machine),
         latest=None,
         table=NoReading("no reading has come yet"),
-        notes=_notes(context, live),
+        notes=_notes(context, live, stored.waiting.get(machine.id)),
         watch=watched.status,
         drifting_since=watched.beyond_since,
         last_check=_last_check(watched.figures),
@@ -120,13 +122,18 @@ def _last_check(figures: WatchFigures | None) -> LastCheck | None:
     return LastCheck.of(time, check.component, check.count, sizes, check.unit)
 
 
-def _notes(context: Context, live: LiveMachine) -> list[str]:
-    """What an operator should know of the database and of clocks, as sentences."""
+def _notes(context: Context, live: LiveMachine, waiting: int | None) -> list[str]:
+    """What an operator should know of the database, clocks and versions, as sentences."""
     window = live.readings.held
     sentences = [
         *database_warnings(context, live.current),
         *ahead_warnings(window.ahead, more_ahead=window.more_ahead),
     ]
+    if waiting is not None:
+        sentences.append(
+            f"version {waiting} waits to be activated, because tables would lose something: they "
+            "are without what was stored since"
+        )
     return [f"{capitalised(words)}." for words in sentences]
 
 
@@ -137,6 +144,7 @@ def read_stored(session: Session) -> Stored:
         unfinished_analyses(session),
         analyses_not_adopted(session),
         lasting_since(session),
+        waiting_versions(session),
     )
 
 

@@ -31,6 +31,7 @@ from app.services.residuals import load_campaign, read_verifications
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import active_version
+from app.storage.readings import newest_time
 from app.storage.records import ModelVersion, StoredVerification
 from app.storage.verifications import (
     NAMES,
@@ -150,6 +151,23 @@ def remarks_on_verification(
         *copies,
         *_maybe_in_metres(machine, verification.observations),
         *_not_compared(machine, version, verification),
+    ]
+
+
+def without_readings(context: Context, machine_id: str, verification: Verification) -> list[str]:
+    """Say before a verification is stored that it cannot be judged yet: its judgement does then."""
+    times_s = [o.time_s for o in verification.observations]
+    first_s, last_s = min(times_s), max(times_s)
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        sensors = stored_machine(row).machine.sensors.values()
+        newest = newest_time(session, machine_id, datetime.fromtimestamp(last_s, UTC))
+    oldest_s = first_s - max((sensor.max_age_s for sensor in sensors), default=0.0)
+    if row.active_version is None or (newest is not None and newest.timestamp() >= oldest_s):
+        return []
+    return [
+        f"no reading is stored of {iso_time(first_s)} to {iso_time(last_s)}: until readings of "
+        "that time come, it is compared with nothing"
     ]
 
 

@@ -20,6 +20,7 @@ from app.errors import (
     OutsideMaps,
     SensorUnavailable,
     ThermapError,
+    capitalised,
     counted,
     list_names,
 )
@@ -45,6 +46,7 @@ from app.thermal.bracket import Status
 from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import Health, JudgedRecord, SensorState
+from app.thermal.stated_temperatures import asked_in_fahrenheit
 
 NO_READING_AGES: Final = 10.0
 """After so many times the age at which a temperature is old, there counts as none."""
@@ -159,7 +161,11 @@ def judge(situation: Situation) -> MachineStatus:
         state=state,
         about=tuple(dict.fromkeys(a for c in causes if c.state is state for a in c.about)),
         since=_since(situation, causes[0]) if causes else None,
-        sentences=(*_sentences(causes, components), *situation.notes),
+        sentences=(
+            *_sentences(causes, components),
+            *_asked_in_fahrenheit(situation, causes),
+            *situation.notes,
+        ),
         computed_at=situation.judged_at,
         reading_time=situation.latest,
         reading_age_s=_age_s(situation),
@@ -409,6 +415,14 @@ def _outside(
                 touches=(code,),
                 about=(code,),
             )
+
+
+def _asked_in_fahrenheit(situation: Situation, causes: Sequence[Cause]) -> list[str]:
+    """Ask whether temperatures that lie outside the maps are in another unit."""
+    if not any(c.state in _OUTSIDE or c.state is State.OUTSIDE_MAPS for c in causes):
+        return []
+    temperatures_c = [s.temperature_c for s in situation.sensors if s.temperature_c is not None]
+    return [f"{capitalised(question)}." for question in asked_in_fahrenheit(temperatures_c)]
 
 
 def _done(one: BeyondMaps) -> str:

@@ -95,6 +95,12 @@ def waiting_version(session: Session, machine: MachineRow) -> ModelVersion | Non
     return find_version(session, machine.id, machine.waiting_version)
 
 
+def waiting_versions(session: Session) -> dict[str, int]:
+    """Give the number of the version that waits of each machine where one does."""
+    query = select(MachineRow.id, MachineRow.waiting_version)
+    return {m: version for m, version in session.execute(query) if version is not None}
+
+
 def list_versions(session: Session, machine_id: str) -> list[ModelVersion]:
     """List all versions, oldest first."""
     query = (

@@ -1,4 +1,4 @@
-"""Hold the temperatures that a map states against those that were recorded at its time.
+"""Temperatures that are stated: in another unit, or not those that were recorded at their time.
 
 Two columns of a table that were exchanged pass every other check, and the table is then wrong
 between the maps.
@@ -6,9 +6,11 @@ between the maps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import combinations
 from typing import Final
+
+from app.units import TemperatureUnit
 
 FAR_K: Final = 3.0
 """A map takes an hour or so to measure: within that a machine seldom moves by more [K]."""
@@ -18,6 +20,30 @@ CLEARLY: Final = 3.0
 
 APART_K: Final = 1.0
 """Temperatures that are off by less in all, two of them together, may be so by chance [K]."""
+
+WORKSHOP_F: Final = (50.0, 122.0)
+"""Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C all of them never do."""
+
+
+def asked_in_fahrenheit(temperatures_c: Collection[float]) -> list[str]:
+    """Ask whether all the temperatures of a machine are in °F, where they may be.
+
+    >>> asked_in_fahrenheit([68.0, 77.0])
+    ['its temperatures are 68 to 77 °C: are they in °F? Then they are 20.0 to 25.0 °C, and are to \
+be stated so']
+    """
+    low, high = WORKSHOP_F
+    if not temperatures_c or not all(low <= t <= high for t in temperatures_c):
+        return []
+    to_c = TemperatureUnit.FAHRENHEIT.to_c
+    coldest, hottest = min(temperatures_c), max(temperatures_c)
+    as_written, meant = f"{coldest:g}", f"{to_c(coldest):.1f}"
+    if hottest > coldest:
+        as_written, meant = f"{as_written} to {hottest:g}", f"{meant} to {to_c(hottest):.1f}"
+    return [
+        f"its temperatures are {as_written} °C: are they in °F? Then they are {meant} °C, and are "
+        "to be stated so"
+    ]
 
 
 def doubted_temperatures(

@@ -102,6 +102,18 @@ async def test_activating_the_version_that_waits_says_what_is_lost(client):
     assert await model_numbers(client) == (4, None)
 
 
+async def test_the_status_names_the_version_that_waits_until_none_does(client):
+    await stored(client, [reading(START, 25.0)])
+    before = (await client.get(f"{ROOM}/status")).json()
+    await client.post(f"{ROOM}/error-maps", json=short("short", 40.0))
+    waits = (await client.get(f"{ROOM}/status")).json()
+    assert waits["verdict"] == before["verdict"]
+    said = [one for one in waits["sentences"] if one not in before["sentences"]]
+    assert [one.partition(",")[0] for one in said] == ["Version 4 waits to be activated"]
+    await client.post(f"{ROOM}/models/3/activate")
+    assert (await client.get(f"{ROOM}/status")).json()["sentences"] == before["sentences"]
+
+
 async def test_losses_that_are_accepted_are_activated_at_once(client):
     path = f"{ROOM}/error-maps?accept_losses=true"
     document = (await client.post(path, json=short("short", 40.0))).json()

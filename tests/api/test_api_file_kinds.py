@@ -2,6 +2,7 @@
 
 import io
 import json
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -240,3 +241,13 @@ async def test_a_parameter_that_is_wrong_is_refused_once_and_an_unknown_one_with
     answer = await client.post(f"{path}&expect=check", content=b"a", headers=BINARY)
     known = problem(answer, 422)["detail"].split(" parameters ")[1].split(" and ")[0].split(", ")
     assert len(set(known)) == len(known)
+
+
+@pytest.mark.parametrize(("minutes", "is_said"), [(None, True), (0, False), (-1, False), (9, True)])
+async def test_the_preview_of_a_check_says_that_no_reading_is_of_its_time(client, minutes, is_said):
+    if minutes is not None:
+        await feed(client, reading(START + timedelta(minutes=minutes), 25.0))
+    content = json.dumps(CHECK_JSON).encode()
+    looked = await send_file(client, content, "check.json", preview=True)
+    said = [one for one in looked.json()["warnings"] if one.startswith("no reading is stored of")]
+    assert bool(said) == is_said

@@ -55,6 +55,19 @@ def sensor(found, name):
     return next(s for s in found["sensors"] if s["sensor"] == name)
 
 
+@pytest.mark.parametrize("policy", ["clamp", "reject"])
+@pytest.mark.parametrize(("t_c", "is_asked"), [(72.5, True), (31.4, False), (25.0, False)])
+async def test_what_may_be_in_fahrenheit_from_the_first_reading_on_is_asked(
+    client, policy, t_c, is_asked
+):
+    await client.patch(ROOM, json={"out_of_range": policy})
+    await feed(client, reading(START, t_c))
+    asked = [one for one in (await status(client))["sentences"] if "are they in °F?" in one]
+    assert [one.partition(":")[0] for one in asked] == (
+        ["Its temperatures are 71.5 to 77.5 °C"] if is_asked else []
+    )
+
+
 async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
     minutes = [reading(START + timedelta(minutes=m), 25.0 + 0.01 * m) for m in range(31)]
     await feed(client, *minutes[:1])

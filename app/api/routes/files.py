@@ -46,6 +46,7 @@ from app.services.verifications import (
     check_places,
     check_verification,
     remarks_on_verification,
+    without_readings,
 )
 
 PlannedQuery = Annotated[
@@ -184,7 +185,11 @@ def _answer_to_check(
     if planned:
         visit = PlannedVerification.model_validate(upload.body)
         return VisitPreview(planned=visit, warnings=[*upload.remarks, *check.remarks])
-    remarks = [*upload.remarks, *remarks_on_verification(context, machine, check)]
+    remarks = [
+        *upload.remarks,
+        *remarks_on_verification(context, machine, check),
+        *without_readings(context, machine, check),
+    ]
     return VerificationPreview.of(check, remarks, list(read_of_verification(check).lines()))
 
 
