@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from unicodedata import normalize
 
 from pydantic import (
     AfterValidator,
@@ -52,6 +53,11 @@ def _no_control_characters(text: str) -> str:
     if _CONTROL.search(text):
         raise ValueError("text without control characters such as nul")
     return text
+
+
+def _composed(text: str) -> str:
+    """Write letters with accents in their one composed form: both forms look the same."""
+    return normalize("NFC", text)
 
 
 def _fits_in_a_database(value: int) -> int:
@@ -104,6 +110,7 @@ Name = Annotated[
     str,
     StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
     AfterValidator(_no_control_characters),
+    AfterValidator(_composed),
 ]
 """A name of 1 to 200 characters."""
 

@@ -1,5 +1,7 @@
 """A shop names its sensors in its own language: they go through every door."""
 
+from unicodedata import normalize
+
 import pytest
 
 from tests.service_examples import START, client_of, iso, running
@@ -44,3 +46,24 @@ async def test_sensors_with_letters_of_any_language(sqlite_url):
                 answer = await client.get(path)
                 assert answer.status_code == 200
                 assert "Säule" in answer.text
+
+
+@pytest.mark.anyio
+async def test_letters_and_their_accents_are_one_name_however_they_are_written(sqlite_url):
+    """As a Mac writes them, and with blanks that nobody sees: no second map under the same name."""
+    apart = MACHINE | {"sensors": [{"name": f" {normalize('NFD', name)} "} for name in SENSORS]}
+    with running(sqlite_url) as service:
+        async with client_of(service) as client:
+            made = (await client.post("/v1/machines", json=apart)).json()
+            assert [sensor["name"] for sensor in made["sensors"]] == SENSORS
+            content = map_file("Lauf früh", 20)
+            for form, status in (("NFC", 201), ("NFD", 200)):
+                answer = await client.post(
+                    "/v1/machines/vmc/files",
+                    params={"name": "map.csv"},
+                    content=normalize(form, content).encode(),
+                    headers={"content-type": "text/csv"},
+                )
+                assert answer.status_code == status, answer.text
+            (stored,) = (await client.get("/v1/machines/vmc/error-maps")).json()
+            assert stored["label"] == "Lauf früh"
