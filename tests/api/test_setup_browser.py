@@ -1,6 +1,7 @@
 """From an empty service to a trusted table in Debian's Chromium, and never a command."""
 
 import os
+import re
 from datetime import UTC, datetime
 
 import pytest
@@ -100,6 +101,29 @@ def test_a_stranger_with_three_files_has_a_live_table(chromium, shop, tmp_path):
         assert barriers(page) == []
         # The file that was refused is the one complaint of the console.
         assert [one for one in wrong if "422" not in one] == []
+
+
+def test_a_page_that_is_out_of_date_takes_nothing_back(chromium, shop):
+    machine = {"id": "mill", "name": "Mill", "configuration": "XYFZ", "sensors": [{"name": "bed"}]}
+    with shop.open(), opened(chromium, shop) as (page, wrong):
+        shop.send("POST", "/v1/machines", machine)
+        with page.expect_response("**/v1/machines/mill"):
+            page.goto(shop.url + "/machines/mill/setup")
+        sensors = [{"name": "bed"}, {"name": "column"}]
+        shop.send("PATCH", "/v1/machines/mill", {"sensors": sensors})
+        page.get_by_label("Name", exact=True).fill("Mill 2")
+        page.locator("#store-machine").click()
+        said = page.locator("#machine-said")
+        expect(said).to_contain_text("The machine was changed elsewhere")
+        said.get_by_role("link", name="Show how it is now").click()
+        expect(page.get_by_label("Name of sensor 2")).to_have_value("column")
+        page.get_by_label("Name", exact=True).fill("Mill 2")
+        page.locator("#store-machine").click()
+        expect(page.get_by_label("Name of sensor 2")).to_have_value("column")
+        expect(page).to_have_title(re.compile("Mill 2"))
+        stored = shop.send("GET", "/v1/machines/mill").json()
+        assert (stored["name"], len(stored["sensors"])) == ("Mill 2", 2)
+        assert wrong == []
 
 
 @pytest.mark.parametrize("size", SIZES)

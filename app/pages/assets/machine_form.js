@@ -1,11 +1,16 @@
 // The form that describes a machine: drawn as it is typed, and sent as it stands.
-import { refused, send, t, valueOf } from "./ask.js";
+import { Refusal, refused, send, t, valueOf } from "./ask.js";
 
 const form = document.getElementById("machine-form");
 const rows = document.getElementById("sensor-rows");
 const said = document.getElementById("machine-said");
 const chain = document.getElementById("chain");
 const stored = form.dataset.id;
+const machine = `/v1/machines/${encodeURIComponent(stored)}`;
+// The form is sent whole, so that it would take back what somebody else has changed meanwhile.
+const shown = stored ? send("GET", machine).catch(() => null) : null;
+const STATED = ["name", "serial_number", "configuration", "axes", "sensors"];
+const stated = (one) => JSON.stringify(STATED.map((field) => one?.[field]));
 const LINKS = { workpiece: t("workpiece"), bed: t("bed"), tool: t("tool") };
 
 // "XYFZ": the letters before F move the workpiece, from the bed outward, so they are drawn backwards.
@@ -91,8 +96,14 @@ function axes() {
   return found;
 }
 
+async function asItWasShown() {
+  const now = await send("GET", machine);
+  if (stated(now) === stated(await shown)) return now;
+  throw new Refusal(t("The machine was changed elsewhere after this page had shown it."), [], 409);
+}
+
 async function sensors() {
-  const before = stored ? (await send("GET", `/v1/machines/${encodeURIComponent(stored)}`)).sensors : [];
+  const before = stored ? (await asItWasShown()).sensors : [];
   return [...rows.rows]
     .map((row) => [...row.querySelectorAll("input")].map((one) => one.value.trim()))
     .filter(([name]) => name)
@@ -140,7 +151,7 @@ form.addEventListener("submit", async (event) => {
     const serial_number = form.elements.serial_number.value.trim() || null;
     const body = { name, serial_number, configuration: form.elements.configuration.value.trim(), axes: travels, sensors: await sensors() };
     if (stored) {
-      await send("PATCH", `/v1/machines/${encodeURIComponent(stored)}`, body);
+      await send("PATCH", machine, body);
       location.reload();
       return;
     }
