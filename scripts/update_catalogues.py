@@ -24,6 +24,7 @@ SERVICE = (
     "compensation/table",
     "effects/**",
     "errors",
+    "files/**",
     "identification/**",
     "pages/analysis_report/**",
     "pages/fleet_report",
@@ -35,8 +36,11 @@ SERVICE = (
     "storage/analyses",
     "storage/records",
     "thermal/**",
+    "units",
     "api/error_responses",
     "api/routes/login",
+    "api/uploaded_map",
+    "api/uploads",
 )
 """Where sentences stand that reach pages as text, and are recognised there."""
 
@@ -46,6 +50,8 @@ NOT_SHOWN = (
     "effects/shape",
     "effects/term",
     "effects/valid",
+    "files/csv_writing",
+    "files/recording",
     "identification/analysis/residual_curves",
     "identification/plan/plan",
     "pages/report_parts/drawing",

@@ -312,10 +312,11 @@ class Columns:
         try:
             return read_time(written, zone)
         except LacksZone:
+            in_utc, in_zone = f"{written}Z", f"{written}+01:00"
             self.complain(
                 row,
                 field,
-                f"expected a time with its zone, such as {written}Z or {written}+01:00, "
+                f"expected a time with its zone, such as {in_utc} or {in_zone}, "
                 f"got {written!r}{remedy}",
             )
         except ValueError:

@@ -104,17 +104,10 @@ class Problems:
 
         A message that takes long to write is handed over as a function: most are never read.
         """
-        place = "".join(
-            (
-                str(self.file),
-                f", sheet {self.sheet!r}" if self.sheet else "",
-                f", line {line}" if line else "",
-                f", {column}" if column else "",
-            )
-        )
         self.number += 1
         if len(self.first) < MOST_PROBLEMS:
-            self.first.append(f"{place}: {message if isinstance(message, str) else message()}")
+            words = message if isinstance(message, str) else message()
+            self.first.append(f"{self._place(line, column)}: {words}")
 
     def add_once(self, message: str, line: int) -> None:
         """Note a problem of a line that every line below it would come upon."""
@@ -124,8 +117,12 @@ class Problems:
 
     def lack(self, field: str, message: str, how: str = "", line: int | None = None) -> None:
         """Note what the file does not say; `how` tells at the command line where it is stated."""
-        place = f"{self.file}, line {line}" if line else str(self.file)
-        self.lacks.append((Lack(field, message), f"{place}: {message}{how}"))
+        self.lacks.append((Lack(field, message), f"{self._place(line)}: {message}{how}"))
+
+    def _place(self, line: int | None, column: str = "") -> str:
+        file = f"{self.file}, sheet {self.sheet!r}" if self.sheet else str(self.file)
+        file = f"{file}, line {line}" if line else file
+        return f"{file}, {column}" if column else file
 
     def listed(self) -> list[str]:
         """List the first problems, and how many more there are."""

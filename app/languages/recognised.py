@@ -57,12 +57,13 @@ _NO_NAME: Final = re.compile(
 """Words of sentences: what has such a word is not taken for a name."""
 
 _CODE: Final = re.compile(r"\b(?:[A-Z][A-Z0-9]{0,2}|[A-Z]{4,}\d*)\b")
+_FILE: Final = re.compile(r".+\.[A-Za-z]{2,5}")
 _SEVERAL: Final = re.compile(r" and \d+ more$|^points [xyz], ")
 _QUOTED: Final = re.compile(r"`[^`]*`|'[^']*'|“[^“”]*”|\"[^\"]*\"")
 _NAME: Final = re.compile(r"(?!.*(?:[.;:!?] |  ))[^\s,;:](?:.{0,80}[^\s,;:])?", re.DOTALL)
 
 NAMES: Final = re.compile(
-    "around|assigned|backward_field|cold|drivers|drifting|field|first|have|having"
+    "around|assigned|backward_field|cold|drivers|drifting|field|files?|first|have|having|headings?"
     "|held_at|instead|key|labels?|lacking|lost|lower|lower_map|machine(?:s|_id)?|minus|missing"
     "|mixed|names?|nearest|on|other|other_sensor|parent|pattern|present|present_sensor"
     "|receiver|rival|second|sensors?|setup|spare|stand_in|states?|stay|steady|still_used|subjects"
@@ -265,9 +266,10 @@ class _Reading:
         return Said(sum(map(str.isalnum, text)), 0, 0, text)
 
     def _behind_codes(self, text: str) -> Iterator[Said]:
-        """Read what is said of components or fields, before it is looked for in patterns."""
+        """Read what is said of components, fields or a file, before it is looked for in patterns."""
         codes, colon, words = text.partition(": ")
-        if colon and is_without_language(codes) and (read := self.sentences(words)) is not None:
+        is_code = is_without_language(codes) or (_FILE.fullmatch(codes) and is_name(codes))
+        if colon and is_code and (read := self.sentences(words)) is not None:
             count = sum(map(len, _CODE.findall(codes)))
             yield Said(
                 count + read.unread,

@@ -129,6 +129,15 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
         ("assigned EXX to Column, EYX to Bed", "zugeordnet EXX zu Column, EYX zu Bed"),
         ("map Run 6 stored", "Karte Run 6 gespeichert"),
         ("Bed is stale", "Bed ist veraltet"),
+        (
+            "Karte 1.csv, line 7, column 3 (error [µm]): expected a number in µm, got 'abc'",
+            "Karte 1.csv, Zeile 7, Spalte 3 (error [µm]): erwartet eine Zahl in µm, erhalten 'abc'",
+        ),
+        (
+            "Karte 1.csv: expected text (CSV) or an Excel workbook, got a file of another kind",
+            "Karte 1.csv: erwartet Text (CSV) oder eine Excel-Mappe, "
+            "erhalten eine Datei anderer Art",
+        ),
         ("nobody knows <b>", None),
     ],
 )
