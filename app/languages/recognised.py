@@ -266,7 +266,7 @@ class _Reading:
         return Said(sum(map(str.isalnum, text)), 0, 0, text)
 
     def _behind_codes(self, text: str) -> Iterator[Said]:
-        """Read what is said of components, fields or a file, before it is looked for in patterns."""
+        """Read what is said of components, fields or a file, before patterns are tried."""
         codes, colon, words = text.partition(": ")
         is_code = is_without_language(codes) or (_FILE.fullmatch(codes) and is_name(codes))
         if colon and is_code and (read := self.sentences(words)) is not None:
