@@ -8,6 +8,7 @@ module also says which unit a field's name promises.
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime, tzinfo
 from enum import StrEnum
 from typing import Final
@@ -190,8 +191,15 @@ def expect_usable_time(time: datetime) -> datetime:
     return time
 
 
+_DAY_FIRST: Final = re.compile(
+    r"(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})"
+    r"(?P<clock>(?:[ T][\d:.]+)?) ?(?P<zone>(?:Z|[+-][\d:]+)?)",
+    re.ASCII,
+)
+
+
 def read_time(text: str, zone: tzinfo | None = None) -> datetime:
-    """Read a time in ISO 8601, and keep its zone.
+    """Read a time in ISO 8601, or with the day first where dots show it, and keep its zone.
 
     Parameters
     ----------
@@ -209,9 +217,14 @@ def read_time(text: str, zone: tzinfo | None = None) -> datetime:
     --------
     >>> read_time("2026-03-01T06:00:00+01:00").isoformat()
     '2026-03-01T06:00:00+01:00'
+    >>> read_time("1.3.2026 06:00 +01:00").isoformat()
+    '2026-03-01T06:00:00+01:00'
     """
     if len(text) > LONGEST_TIME:
         raise ValueError("a time such as 2026-03-01T06:00:00Z")
+    if dotted := _DAY_FIRST.fullmatch(text):
+        text = f"{dotted['year']}-{dotted['month']:0>2}-{dotted['day']:0>2}{dotted['clock']}"
+        text += dotted["zone"]
     time = datetime.fromisoformat(text)
     if time.tzinfo is None:
         if zone is None:

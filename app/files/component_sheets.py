@@ -32,11 +32,11 @@ from app.files.table_limits import MOST_CELLS
 
 _NAMES: Final = {
     **dict.fromkeys(
-        ("date", "time", "measured", "measured_on", "measured_at", "datum", "gemessen_am"),
+        ("date", "time", "measured", "measured_on", "measured_at", "datum", "measured_am"),
         "measured_at",
     ),
-    **dict.fromkeys(("label", "title", "name_of_the_map", "titel", "bezeichnung"), "label"),
-    **dict.fromkeys(("instrument", "messgerät"), "instrument"),
+    **dict.fromkeys(("label", "title", "name_of_the_map"), "label"),
+    "instrument": "instrument",
 }
 """What a protocol calls what every table may state."""
 

@@ -36,6 +36,31 @@ _SPELLINGS: Final = {
     "↓": " backward ",
 }
 
+_GERMAN: Final = {
+    "abweichung": "deviation",
+    "achse": "axis",
+    "aufspannung": "setup",
+    "bezeichnung": "label",
+    "fehler": "error",
+    "gemessen": "measured",
+    "istposition": "actual",
+    "komponente": "component",
+    "lauf": "run",
+    "maschine": "machine",
+    "messgerät": "instrument",
+    "messwert": "measured",
+    "richtung": "direction",
+    "rückwärts": "backward",
+    "sollposition": "target",
+    "standardfehler": "standard_error",
+    "temperatur": "temperature",
+    "titel": "title",
+    "vorwärts": "forward",
+    "wiederholbarkeit": "repeatability",
+    "zeit": "time",
+}
+"""Words of headings, whole ones, as they are normal here."""
+
 _UM_PER_MM, _MM_PER_M = Decimal(UM_PER_MM), Decimal(MM_PER_M)
 _URAD_PER_RAD, _RAD_PER_DEG = Decimal(URAD_PER_RAD), Decimal(math.pi) / 180
 _URAD_PER_DEG = _URAD_PER_RAD * _RAD_PER_DEG
@@ -208,11 +233,14 @@ def normal_heading(heading: str) -> str:
 
     >>> normal_heading("Angle [°]"), normal_heading("run 1 ↑ [µm]"), normal_heading("error_um/m")
     ('angle_deg', 'run_1_forward_um', 'error_um_per_m')
+    >>> normal_heading("Fehler rückwärts [µm]")
+    'error_backward_um'
     """
     plain = heading.lower()
     for sign, word in _SPELLINGS.items():
         plain = plain.replace(sign, word)
-    return re.sub(r"[\s\[\]()_]+", "_", plain).strip("_")
+    words = re.split(r"[\s\[\]()_]+", plain)
+    return "_".join(_GERMAN.get(word, word) for word in words if word)
 
 
 def named(things: Iterable[Named], heading: str) -> tuple[Named, str] | None:

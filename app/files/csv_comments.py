@@ -19,7 +19,7 @@ _KEYS: Final = "label, measured_at, machine, temperature SENSOR, instrument, rep
 _WORDS: Final = ("label", "machine", "instrument", "measured_at")
 """What every table may state in words."""
 
-_TEMPERATURE: Final = re.compile(r"(?:temperature|temperature_c)\s+(?P<sensor>\S.*)", re.I)
+_TEMPERATURE: Final = re.compile(r"(?:temperature?|temperature_c)\s+(?P<sensor>\S.*)", re.I)
 _REPEATABILITY: Final = Named("repeatability", LENGTH)
 _MARKS: Final = ":=;\t,"
 """Behind the name of what is stated; those of cells too, whatever parts the table's columns."""
@@ -168,12 +168,14 @@ def read_comments(
                 text.problems.lack(f"temperatures_c.{sensor}", message, line=line)
         noted = {"temperatures_c": empty} if empty else {}
         complain_of_missing(facts | noted, text.problems, is_dated=is_dated)
-    if facts.get("measured_at") and not _has_zone(facts["measured_at"]):
-        text.problems.lack(
-            "measured_at",
-            "expected measured_at with its zone such as 2026-03-01T06:00:00Z, "
-            f"got {facts['measured_at']!r}",
-        )
+    if written := facts.get("measured_at"):
+        try:
+            facts["measured_at"] = read_time(written).isoformat().replace("+00:00", "Z")
+        except ValueError:
+            text.problems.lack(
+                "measured_at",
+                f"expected measured_at with its zone such as 2026-03-01T06:00:00Z, got {written!r}",
+            )
     machine = facts.pop("machine", None)
     return Comments(facts, statements, machine)
 
@@ -187,7 +189,7 @@ def _name_and_value(comment: Comment, statements: Sequence[Statement]) -> tuple[
     ways = [_parted(comment.text, mark) for mark in _MARKS if mark in comment.text]
     if others:
         cells = (first, " ".join(others))
-        if first.lower() in ("temperature", "temperature_c"):
+        if first.lower() in ("temperatur", "temperature", "temperature_c"):
             cells = (f"{first} {others[0]}", " ".join(others[1:]))
         ways.insert(":" in first, cells)
     if not any(_is_known(name, statements) for name, _ in ways):
@@ -286,14 +288,6 @@ def complain_of_missing(
         if not facts.get(key):
             where = f"write `{comment}`" if has_comments else "state it"
             problems.lack(key, f"expected {what}, got none", f": {where} or give {option}")
-
-
-def _has_zone(text: str) -> bool:
-    try:
-        read_time(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _statement_of(statements: Sequence[Statement], key: str) -> Statement | None:

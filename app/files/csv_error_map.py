@@ -71,7 +71,7 @@ _KINDS: Final = {
 }
 """What stands before the names of the columns, and what they hold."""
 
-_NAMES: Final = ("errors", "slope", "slopes", "value", "values")
+_NAMES: Final = ("errors", "deviation", "deviations", "slope", "slopes", "value", "values")
 _VALUES: Final = {
     kind: Named(
         f"{kind}error",

@@ -422,3 +422,19 @@ def test_what_is_no_text_is_said_to_be_none(tmp_path):
     picture.write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR,,\n")
     with pytest.raises(UnreadableFile, match=r"expected text .* got a file of another kind"):
         read_text(picture)
+
+
+@pytest.mark.parametrize("value", ["Fehler", "Abweichung", "Messwert"])
+def test_a_german_file_says_the_same(read, complaints, value):
+    head = "# Bezeichnung: Run #1\n# measured_at: 1.3.2026 07:00 +01:00\n"
+    head += "# Temperatur x-middle: 20,1\n"
+    rows = f"Komponente;Position [mm];{value} [µm]\nEXX;0;0,0\nEXX;50;1,25\n"
+    if value == "Messwert":  # of a check: a map has errors
+        assert "expected the columns component" in complaints(head + rows)[0]
+    else:
+        assert read(head + rows).error_map == read(HEAD + ROWS).error_map
+
+
+def test_a_date_with_the_day_first_lacks_its_zone_too(complaints):
+    (said,) = complaints(HEAD.replace("2026-03-01T07:00:00+01:00", "28.11.2026 10:30") + ROWS)
+    assert said.endswith("such as 2026-03-01T06:00:00Z, got '28.11.2026 10:30'")
