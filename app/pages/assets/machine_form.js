@@ -71,7 +71,7 @@ rows.addEventListener("paste", (event) => {
   offered();
 });
 
-const asId = (name) => name.normalize("NFKD").replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[^A-Za-z0-9]+|-+$/g, "").toLowerCase().slice(0, 64);
+const asId = (name) => name.replaceAll("ß", "ss").normalize("NFKD").replace(/\p{M}/gu, "").replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[^A-Za-z0-9]+|-+$/g, "").toLowerCase().slice(0, 64);
 
 // Travels that were typed: nothing where a number is none, which is said at its place.
 function axes() {
