@@ -356,17 +356,6 @@ def read_sheets(file: Path) -> Mapping[str, str]:
     return sheets_of(content, file)
 
 
-def text_of(content: bytes, file: Path) -> str:
-    """Read what is in a file of this name, as `read_text` does.
-
-    Raises
-    ------
-    UnreadableFile
-        If it is no text, or a workbook does not hold one table.
-    """
-    return only_sheet(sheets_of(content, file), file)
-
-
 def only_sheet(sheets: Mapping[str, str], file: Path) -> str:
     """Give the text of the one sheet that holds something, or refuse the file."""
     if len(sheets) == 1:

@@ -74,57 +74,6 @@ def diagonal_ends(volume: WorkVolume, diagonal: str) -> tuple[FloatArray, FloatA
     return ends[:, 0], ends[:, 1]
 
 
-def diagonal_displacements(
-    field: ErrorField,
-    volume: WorkVolume,
-    steps: int = 20,
-    tool_offset_mm: ArrayLike = NO_TOOL,
-) -> dict[str, FloatArray]:
-    """Say what a laser along each body diagonal would read.
-
-    Parameters
-    ----------
-    tool_offset_mm : array-like, shape (3,) [mm]
-        Tool offset T of the reflector.
-
-    Returns
-    -------
-    dict of diagonal to ndarray, shape (n + 1,) [µm]
-        Displacement along the diagonal since its start, actual minus nominal; the
-        first is 0.
-
-    Raises
-    ------
-    InvalidContent
-        If the field has several thermal states, the box is a point, or there is no step.
-
-    Notes
-    -----
-    Projects the volumetric error itself. At the end of a diagonal of rotations that do
-    not change this is 8.108–8.111 for FXYZ (in 8.110 the last A_y(y) is to be A_x(y));
-    for XYZF the same four terms with opposite signs, not "exactly the same".
-
-    Examples
-    --------
-    >>> from app.geometry.chain import Chain
-    >>> from app.geometry.error_table import Table
-    >>> field = ErrorField.make(Chain.parse("FXYZ"), {"SXY": Table((), 10.0)})
-    >>> box = WorkVolume((0.0, 300.0), (0.0, 400.0), (0.0, 1200.0))
-    >>> read = diagonal_displacements(field, box, steps=2)
-    >>> {name: round(float(values[-1]), 3) for name, values in read.items()}
-    {'ppp': 0.923, 'npp': -0.923, 'pnp': -0.923, 'ppn': 0.923}
-    """
-    field.expect_one_state()
-    _check_length(volume, steps)
-    shares = np.linspace(0.0, 1.0, steps + 1)
-    displacements = {}
-    for diagonal in DIAGONALS:
-        start, end = diagonal_ends(volume, diagonal)
-        errors_um, _ = field.at(start + shares[:, None] * (end - start), tool_offset_mm)
-        displacements[diagonal] = displacement_along(errors_um, end - start)
-    return displacements
-
-
 def extreme_displacements(
     field: ErrorField, volume: WorkVolume, tool_offset_mm: ArrayLike = NO_TOOL
 ) -> dict[str, FloatArray]:
@@ -164,7 +113,8 @@ def extreme_displacements(
     (-3.536, 0.0)
     """
     field.expect_one_state()
-    _check_length(volume, 1)
+    if not volume.diagonal_mm > 0:
+        raise InvalidContent.of_field("volume", "expected a diagonal longer than 0 mm, got 0 mm")
     displacements = {}
     for diagonal in DIAGONALS:
         start, end = diagonal_ends(volume, diagonal)
@@ -181,15 +131,6 @@ def extreme_displacements(
         errors_um, _ = field.at(start + np.sort(shares)[:, None] * (end - start), tool_offset_mm)
         displacements[diagonal] = displacement_along(errors_um, end - start)
     return displacements
-
-
-def _check_length(volume: WorkVolume, steps: int) -> None:
-    if not volume.diagonal_mm > 0 or steps < 1:
-        raise InvalidContent.of_field(
-            "steps",
-            f"expected a diagonal longer than 0 mm in at least 1 step, got "
-            f"{volume.diagonal_mm:g} mm in {steps}",
-        )
 
 
 def _ends_of_pieces(field: ErrorField, start: FloatArray, end: FloatArray) -> FloatArray:

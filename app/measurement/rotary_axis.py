@@ -26,7 +26,6 @@ from app.geometry.rotary_axes import (
     RotaryAxis,
     about,
     actual_axis,
-    rotary_location_error,
 )
 from app.measurement.result import MeasurementResult
 from app.measurement.rotary_axis_points import checked_fit, checked_points, number_places
@@ -179,54 +178,6 @@ def measure_rotary_axis(
     rolled, angles = np.roll(points, -_FRONT[letter], axis=1), np.deg2rad(angles_deg)
     fit = checked_fit(letter, rolled, angles, number_places(angles_deg))
     return _measurement(FittedPoints(letter, fit, rolled, angles, repeatability), pivot)
-
-
-def path_error(
-    errors: Mapping[str, float],
-    ball_mm: ArrayLike,
-    angle_deg: ArrayLike,
-    axis: str,
-    *,
-    compensated: Mapping[str, float] | None = None,
-    pivot_mm: ArrayLike = (0.0, 0.0, 0.0),
-) -> FloatArray:
-    """Say how far a ball is beside the spindle that follows it on a path such as BK1 or BK2.
-
-    Parameters
-    ----------
-    errors
-        Location errors of the rotary axis as it is [µm, µrad].
-    ball_mm : array-like, shape (3,) [mm]
-        The ball at angle 0.
-    angle_deg : array-like, shape (n,) [°]
-    axis
-        `C` (BK2: X, Y and C together), `A` (BK1: Y, Z and A together) or `B`.
-    compensated
-        Location errors that the control knows and follows; none at first.
-    pivot_mm : array-like, shape (3,) [mm]
-        A point of the nominal axis.
-
-    Returns
-    -------
-    ndarray, shape (n, 3) [µm]
-        Actual place of the ball less the one that the spindle follows.
-
-    Raises
-    ------
-    InvalidContent
-        If there is no such axis, or a component is no location error.
-
-    Examples
-    --------
-    >>> found = path_error({"XOC": 3.0}, [100, 0, 50], [0, 180], "C", compensated={"XOC": 2.0})
-    >>> np.allclose(found, [(0.0, 0.0, 0.0), [2.0, 0.0, 0.0]])
-    True
-    """
-    letter = _checked_axis(axis)
-    turn, pivots = {letter: angle_deg}, {letter: pivot_mm}
-    actual = rotary_location_error(errors, ball_mm, turn, letter, pivots)
-    followed = rotary_location_error(compensated or {}, ball_mm, turn, letter, pivots)
-    return actual - followed
 
 
 def _measurement(fitted: FittedPoints, pivot_mm: FloatArray) -> RotaryAxisMeasurement:

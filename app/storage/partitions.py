@@ -27,15 +27,6 @@ _LOCKS: Final = "LOCK TABLE machine IN SHARE ROW EXCLUSIVE MODE"
 """Machines before anything else, as all who write do: else two could wait for each other."""
 
 
-def is_partition(table: str) -> bool:
-    """Whether a table is a part of the readings.
-
-    >>> is_partition("reading_2026m11"), is_partition("reading_default"), is_partition("reading")
-    (True, True, False)
-    """
-    return table == "reading_default" or _NAME.fullmatch(table) is not None
-
-
 def months_made(connection: Connection) -> list[datetime]:
     """List the months that have a partition, by their beginning."""
     matches = [_NAME.fullmatch(name) for name in connection.scalars(_PARTITIONS)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.arrays import FloatArray, IntArray, frozen
 from app.errors import Conflict
+from app.geometry.grid import place_in_cells
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import ROUNDING_MM
 from app.thermal.uncertainty import variances_of
@@ -260,7 +261,5 @@ def hat_weights(
     if nodes_mm.size < 2:
         none = np.zeros(positions_mm.shape, dtype=np.intp)
         return none, none, np.zeros(positions_mm.shape)
-    inside = np.clip(positions_mm, nodes_mm[0], nodes_mm[-1])
-    left = np.clip(np.searchsorted(nodes_mm, inside, side="right") - 1, 0, nodes_mm.size - 2)
-    share = (inside - nodes_mm[left]) / (nodes_mm[left + 1] - nodes_mm[left])
+    left, share = place_in_cells(nodes_mm, positions_mm)
     return left, left + 1, share

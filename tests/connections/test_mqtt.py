@@ -48,7 +48,10 @@ def file_of(tmp_path, text):
         (BROKER + 'key = "/nowhere.pem"\n' + TOPIC, "expected `cert` with `key`"),
         (BROKER + 'cert = "/nowhere.pem"\n' + TOPIC, "without a passphrase"),
         (BROKER + 'publish = "a/#"\n', "mqtt.0.publish"),
-        (BROKER + 'username = "u"\npassword_env = "NOT_SET"\n' + TOPIC, "got 'NOT_SET': it is unset"),
+        (
+            BROKER + 'username = "u"\npassword_env = "NOT_SET"\n' + TOPIC,
+            "'NOT_SET': it is unset",
+        ),
         (BROKER + 'password = "p"\n' + TOPIC, "expected a `username` with the password"),
         (BROKER + TOPIC.replace('"t"', '"t/#/x"'), "mqtt.0.topics.0.topic: expected # as the last"),
         (BROKER + TOPIC.replace('machine = "m"\n', ""), "the machine either as `machine` or as"),

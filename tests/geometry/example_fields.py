@@ -3,11 +3,13 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from app.geometry.body_diagonal import DIAGONALS, diagonal_ends, displacement_along
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, Kind
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
 from app.geometry.measuring_line import MeasuringLine
+from app.geometry.volumetric_error import NO_TOOL
 
 RIGID = {Kind.LINEAR, Kind.STRAIGHTNESS, Kind.ANGULAR, Kind.SQUARENESS}
 NONRIGID = RIGID | {Kind.SLOPE}
@@ -90,4 +92,15 @@ def shift(values, point, u):
     found = np.eye(4)
     found["xyz".index(u), 3] = point["xyz".index(u)]
     found[:3, 3] += [values.get(f"E{way}{u.upper()}", 0.0) / 1000.0 for way in "XYZ"]
+    return found
+
+
+def diagonal_displacements(field, volume, steps=20, tool_offset_mm=NO_TOOL):
+    """The volumetric error itself along each body diagonal, since its start [µm]."""
+    shares = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    found = {}
+    for diagonal in DIAGONALS:
+        start, end = diagonal_ends(volume, diagonal)
+        errors_um, _ = field.at(start + shares * (end - start), tool_offset_mm)
+        found[diagonal] = displacement_along(errors_um, end - start)
     return found

@@ -9,7 +9,6 @@ from app.errors import InvalidContent
 from app.geometry import box_extremes
 from app.geometry.body_diagonal import (
     diagonal_accuracy,
-    diagonal_displacements,
     extreme_displacements,
 )
 from app.geometry.chain import Chain
@@ -18,7 +17,14 @@ from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
 from app.geometry.volumetric_accuracy import model_line_accuracy, volumetric_accuracy
 from app.geometry.work_volume import WorkVolume
-from tests.geometry.example_fields import NONRIGID, RIGID, TOOL, constant_field, random_field
+from tests.geometry.example_fields import (
+    NONRIGID,
+    RIGID,
+    TOOL,
+    constant_field,
+    diagonal_displacements,
+    random_field,
+)
 
 BOX = WorkVolume((0.0, 500.0), (50.0, 400.0), (100.0, 300.0))
 

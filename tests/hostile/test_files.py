@@ -18,7 +18,7 @@ from app.connections.config import read_connections
 from app.controllers.format import ControllerFile
 from app.errors import InvalidContent
 from app.files.csv_comments import Header
-from app.files.delimited_text import UnreadableFile, text_of
+from app.files.delimited_text import UnreadableFile, only_sheet, sheets_of
 from app.files.recording import read_recording
 from app.services.controllers import parse_files
 from tests.controllers.example_tables import NEEDED
@@ -149,7 +149,8 @@ def test_verifications(hostile_inputs):
 def test_measurements(hostile_inputs):
     def read(random_, content):
         method = random_.choice(list(METHODS))
-        METHODS[method].read(text_of(content, Path("a")), header=STATED, complete=True)
+        text = only_sheet(sheets_of(content, Path("a")), Path("a"))
+        METHODS[method].read(text, header=STATED, complete=True)
 
     each(hostile_inputs, measurements(), read)
 

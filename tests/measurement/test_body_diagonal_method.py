@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidContent
-from app.geometry.body_diagonal import DIAGONALS, diagonal_accuracy, diagonal_displacements
+from app.geometry.body_diagonal import DIAGONALS, diagonal_accuracy
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, Kind
 from app.geometry.error_table import Table
 from app.geometry.work_volume import WorkVolume
 from app.measurement.body_diagonal import body_diagonal
 from app.measurement.step_diagonal_readings import step_diagonal_readings
-from tests.geometry.example_fields import RIGID, constant_field, random_field
+from tests.geometry.example_fields import (
+    RIGID,
+    constant_field,
+    diagonal_displacements,
+    random_field,
+)
 from tests.measurement.step_diagonal_example import (
     ORIGIN,
     SQUARENESS,

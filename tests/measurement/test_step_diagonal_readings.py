@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from app.errors import InvalidContent
-from app.geometry.body_diagonal import diagonal_displacements
 from app.geometry.error_table import Table
 from app.geometry.work_volume import WorkVolume
 from app.measurement.step_diagonal_readings import step_diagonal_readings
+from tests.geometry.example_fields import diagonal_displacements
 from tests.measurement.step_diagonal_example import (
     ANGULAR,
     CHAINS,

@@ -15,7 +15,7 @@ from app.api.schemas.verifications import VerificationRequest
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile
-from app.geometry.body_diagonal import DIAGONALS, diagonal_displacements
+from app.geometry.body_diagonal import DIAGONALS
 from app.geometry.chain import Chain
 from app.geometry.error_field import ErrorField
 from app.geometry.error_table import Table
@@ -26,6 +26,7 @@ from app.measurement.step_diagonal import step_diagonal
 from app.measurement.step_diagonal_readings import step_diagonal_readings
 from app.programs.path import Manner
 from app.programs.warm_up import SpindleStep, warm_up_program
+from tests.geometry.example_fields import diagonal_displacements
 from tests.programs.example_programs import MACHINE, PLANNED, START_S, every_program
 
 PROGRAMS = every_program()

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from app.files.delimited_text import UnreadableFile, read_text
 from app.files.instrument_files.renishaw_rtl import BEGINS, read_renishaw_rtl
 from app.files.read_body import ReadBody
 
@@ -45,22 +44,6 @@ FORMATS: Final[Mapping[str, InstrumentFormat]] = {
     ),
 }
 """The suffix of its files to each format."""
-
-_OTHERS: Final = (".json", ".xlsx", ".xls")
-
-
-def instrument_format(file: Path) -> InstrumentFormat | None:
-    """Tell a file's format by its name, or else by how it begins; None where it is none of them."""
-    suffix = file.suffix.lower()
-    if suffix in FORMATS:
-        return FORMATS[suffix]
-    if suffix in _OTHERS:
-        return None
-    try:
-        text = read_text(file)
-    except UnreadableFile:  # whoever reads it will say so
-        return None
-    return format_of_text(file, text)
 
 
 def format_of_text(file: Path, text: str) -> InstrumentFormat | None:
