@@ -1,14 +1,9 @@
 """What a broker has taken is stored, however often the service or the broker is killed."""
 
 import json
-import os
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import httpx
 import pytest
@@ -17,14 +12,13 @@ pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed"
 
 from tests.connections.mosquitto_example import Mosquitto, expect_mosquitto
 from tests.connections.mqtt_peer import Peer
+from tests.faults.service import Service
 from tests.service_examples import ROOM, furnish_database
 
 pytestmark = pytest.mark.slow
 
 PATIENCE_S = 300.0
 """Where seventeen processes share two cores, a service takes more than a minute to start."""
-
-PACKAGE_FOLDER = Path(__file__).parents[2]
 
 CONFIG = """
 [intake]
@@ -49,41 +43,25 @@ time_form = "epoch_ms"
 """
 
 
-class Service:
-    """The service in a process of its own, with a file of connections."""
+class Shop:
+    """The service with a file of connections, begun again at its address."""
 
     def __init__(self, url, port, folder, name="thermap-1", share=""):
-        self._socket = socket.socket()
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.listen(100)
-        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}"
         file = folder / f"{name}.toml"
         file.write_text(CONFIG.format(port=port, name=name, share=share))
         self._url, self._file = url, file
-        self._process = None
+        self._port = 0
+        self._service = None
 
     def start(self):
-        descriptor = self._socket.fileno()
-        command = [sys.executable, "-m", "uvicorn", "--factory", "app.main:create_app"]
-        more = {"THERMAP_DATABASE_URL": self._url, "THERMAP_CONFIG": str(self._file)}
-        self._process = subprocess.Popen(
-            [*command, "--fd", str(descriptor), "--log-level", "warning"],
-            pass_fds=[descriptor],
-            cwd=PACKAGE_FOLDER,
-            env=os.environ | more | {"THERMAP_LOCK_LIMIT_S": "60"},
-        )
+        self._service = Service(self._url, port=self._port, THERMAP_CONFIG=str(self._file))
+        self.url = self._service.url
+        self._port = int(self.url.rpartition(":")[2])
         return self
 
     def kill(self):
         """Kill it without a warning."""
-        if self._process is not None:
-            self._process.send_signal(signal.SIGKILL)
-            self._process.wait()
-            self._process = None
-
-    def close(self):
-        self.kill()
-        self._socket.close()
+        self._service.end(signal.SIGKILL)
 
     def get(self, path, **params):
         return httpx.get(self.url + path, params=params, timeout=PATIENCE_S, trust_env=False).json()
@@ -147,7 +125,7 @@ def started():
     services = []
     yield lambda service: services.append(service) or service.start()
     for service in services:
-        service.close()
+        service.kill()
 
 
 def is_connected(found):
@@ -171,7 +149,7 @@ def expect_all(service, taken):
 
 
 def test_nothing_is_lost_when_the_service_is_killed(url, broker, tmp_path, started):
-    service = started(Service(url, broker.port, tmp_path))
+    service = started(Shop(url, broker.port, tmp_path))
     service.until("/v1/connections", is_connected)
     sender = Sender(broker.port, most=250)
     with Peer(broker.port) as watcher:
@@ -199,7 +177,7 @@ def test_nothing_is_lost_when_the_service_is_killed(url, broker, tmp_path, start
 
 def test_nothing_is_lost_when_one_of_two_that_share_is_killed(url, broker, tmp_path, started):
     both = [
-        started(Service(url, broker.port, tmp_path, name, "$share/shop/"))
+        started(Shop(url, broker.port, tmp_path, name, "$share/shop/"))
         for name in ("thermap-1", "thermap-2")
     ]
     for service in both:
@@ -217,7 +195,7 @@ def test_nothing_is_lost_when_one_of_two_that_share_is_killed(url, broker, tmp_p
 
 
 def test_nothing_is_lost_when_the_broker_is_started_again(url, broker, tmp_path, started):
-    service = started(Service(url, broker.port, tmp_path))
+    service = started(Shop(url, broker.port, tmp_path))
     service.until("/v1/connections", is_connected)
     taken = []
     for number in range(2):

@@ -296,7 +296,7 @@ class _Kills:
         chance = random.Random(seed)
         try:
             while not self.are_over.is_set():
-                worker = Worker(self._url, self._log)
+                worker = Worker(self._url, log=self._log)
                 try:
                     self.are_over.wait(chance.uniform(0.0, self._longest_s))
                     worker.expect_alive()
@@ -357,7 +357,7 @@ def _ask_while(
 @contextmanager
 def _workers(database_url: str, log: Path) -> Iterator[None]:
     """Let workers run that are told to end, and do, with 0."""
-    running = [Worker(database_url, log) for _ in range(WORKERS)]
+    running = [Worker(database_url, log=log) for _ in range(WORKERS)]
     codes: list[int] = []
     try:
         yield

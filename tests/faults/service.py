@@ -1,94 +1,100 @@
-"""The service, or a worker, in a process of its own, to be ended in any way."""
+"""The service, or a worker, in a process of its own, to be ended in any way.
+
+Each is forked from a process that has imported the program, which is most of what one does until
+it works. `tests/cli` and `tests/hostile` start it as people do.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import re
 import signal
-import subprocess
 import sys
-from contextlib import nullcontext
+from multiprocessing.connection import Connection
 from pathlib import Path
 
+from app.cli import main
+
 ROOT = Path(__file__).parents[2]
-PROGRAM = [sys.executable, "-m", "app"]
+
+_FORKING = multiprocessing.get_context("forkserver")
+_FORKING.set_forkserver_preload(["app.main", "app.cli.serve", "app.cli.worker"])
 
 
-class Service:
-    """`thermap serve` on a free port of this computer.
-
-    Parameters
-    ----------
-    log
-        Where it writes what it has to say, after what is there; without it beside our own.
-    """
-
-    def __init__(self, database_url: str, *, log: Path | None = None, **environment: str) -> None:
-        with log.open("ab") if log else nullcontext() as into:
-            self._process = subprocess.Popen(
-                [*PROGRAM, "serve", "--port", "0", "--database-url", database_url],
-                cwd=ROOT,
-                env=_unset() | {"THERMAP_LOCK_LIMIT_S": "60"} | environment,
-                stdout=subprocess.PIPE,
-                stderr=into,
-                text=True,
-            )
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            if found := re.search(r"listens on (\S+)", line):
-                self.url = found[1]
-                return
-        raise RuntimeError(f"thermap serve ended with {self._process.wait()}")
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal, and wait for nothing."""
-        self._process.send_signal(number)
-
-    def end(self, number: signal.Signals = signal.SIGKILL) -> int:
-        """Send a signal, wait, and give the exit code."""
-        self._process.send_signal(number)
-        self._process.communicate()
-        return self._process.returncode
-
-
-class Worker:
-    """`thermap worker` on this computer.
+class Program:
+    """`thermap` with some words, and nothing else of thermap in its environment.
 
     Parameters
     ----------
     log
-        Where it writes what it has to say, after what is there.
+        Where it writes what is wrong, after what is there; without it beside our own.
     """
 
-    def __init__(self, database_url: str, log: Path) -> None:
-        with log.open("ab") as into:
-            self._process = subprocess.Popen(
-                [*PROGRAM, "worker", "--database-url", database_url],
-                cwd=ROOT,
-                env=_unset(),
-                stdout=into,
-                stderr=into,
-            )
+    def __init__(self, *words: str, log: Path | None = None, **environment: str) -> None:
+        says, into = _FORKING.Pipe(duplex=False)
+        self._process = _FORKING.Process(target=_run, args=(words, into, log, environment))
+        self._process.start()
+        into.close()
+        # Open as long as it runs: who writes where nobody can read is ended.
+        self._said = os.fdopen(os.dup(says.fileno()), encoding="utf-8")
+        says.close()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+        self.code: int | None = None
 
     def expect_alive(self) -> None:
         """Raise RuntimeError where it ended by itself."""
-        if (code := self._process.poll()) is not None:
-            raise RuntimeError(f"thermap worker ended by itself with {code}")
+        if (code := self._process.exitcode) is not None:
+            raise RuntimeError(f"thermap ended by itself with {code}")
 
-    def analyses(self) -> set[int]:
-        """Give the processes in which it analyses now, and not what Python runs beside them."""
-        listed = Path(f"/proc/{self._process.pid}/task").glob("*/children")
-        pids = {int(pid) for one in listed for pid in one.read_text().split()}
-        return {pid for pid in pids if "spawn_main" in words_of(pid)}
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal, and wait for nothing."""
+        if self.code is None:
+            os.kill(self.pid, number)
+
+    def wait(self) -> int:
+        """Wait for its end, and give the exit code."""
+        if self.code is None:
+            self._process.join()
+            self._said.close()
+            assert self._process.exitcode is not None
+            self.code = self._process.exitcode
+            self._process.close()
+        return self.code
 
     def end(self, number: signal.Signals = signal.SIGKILL) -> int:
         """Send a signal, wait, and give the exit code."""
-        self._process.send_signal(number)
-        return self._process.wait()
+        self.send(number)
+        return self.wait()
+
+
+class Service(Program):
+    """`thermap serve` on this computer, on a free port where none is given."""
+
+    def __init__(
+        self, database_url: str, *, port: int = 0, log: Path | None = None, **environment: str
+    ) -> None:
+        words = ("serve", "--port", str(port), "--database-url", database_url)
+        super().__init__(*words, log=log, **{"THERMAP_LOCK_LIMIT_S": "60"} | environment)
+        for line in self._said:
+            if found := re.search(r"listens on (\S+)", line):
+                self.url = found[1]
+                return
+        raise RuntimeError(f"thermap serve ended with {self.wait()}")
+
+
+class Worker(Program):
+    """`thermap worker` on this computer."""
+
+    def __init__(self, database_url: str, *options: str, log: Path | None = None) -> None:
+        super().__init__("worker", "--database-url", database_url, *options, log=log)
+
+    def analyses(self) -> set[int]:
+        """Give the processes in which it analyses now, and not what Python runs beside them."""
+        listed = Path(f"/proc/{self.pid}/task").glob("*/children")
+        pids = {int(pid) for one in listed for pid in one.read_text().split()}
+        return {pid for pid in pids if "spawn_main" in words_of(pid)}
 
 
 def words_of(pid: int) -> str:
@@ -99,6 +105,19 @@ def words_of(pid: int) -> str:
         return ""
 
 
-def _unset() -> dict[str, str]:
-    """Give our environment without what anybody set for thermap."""
-    return {name: value for name, value in os.environ.items() if "THERMAP_" not in name}
+def _run(
+    words: tuple[str, ...], into: Connection, log: Path | None, environment: dict[str, str]
+) -> None:
+    """Be the program; in the forked process."""
+    os.dup2(into.fileno(), 1)
+    into.close()
+    if log:
+        with log.open("ab") as file:
+            os.dup2(file.fileno(), 2)
+    sys.stdout, sys.stderr = (os.fdopen(fd, "w", encoding="utf-8", closefd=False) for fd in (1, 2))
+    for name in [name for name in os.environ if "THERMAP_" in name]:
+        del os.environ[name]
+    os.environ.update(environment)
+    os.chdir(ROOT)
+    sys.argv = ["thermap", *words]
+    main()

@@ -1,15 +1,13 @@
 """Workers as processes of their own: killed, told to end, several at a time."""
 
 import asyncio
-import os
 import signal
-import subprocess
-import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from anyio import to_thread
 from sqlalchemy import select
 
 from app.storage.database import Database
@@ -17,6 +15,7 @@ from app.storage.records import AnalysisStatus
 from app.storage.tables import AnalysisRow
 from tests.campaign_examples import LATER, ROOM, campaign_database
 from tests.databases import reachable
+from tests.faults.service import Worker
 from tests.service_examples import Clock, client_of, running
 
 pytestmark = [
@@ -29,7 +28,6 @@ pytestmark = [
 
 PATH = f"{ROOM}/analyses"
 BODY = {"verifications": list(range(1, 9)), "effects": ["backlash"]}
-PACKAGE_FOLDER = Path(__file__).parents[2]
 DEADLINE_S = 240.0
 """On a machine that does much else a process alone takes tens of seconds to begin."""
 
@@ -60,32 +58,11 @@ async def client(url):
 @contextmanager
 def worker(url, *options):
     """A worker in a process of its own, killed at the end where it still runs."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "app", "worker", "--log-level", "warning", *options],
-        cwd=PACKAGE_FOLDER,
-        env=os.environ | {"THERMAP_DATABASE_URL": url},
-        stdout=subprocess.DEVNULL,
-    )
+    process = Worker(url, "--log-level", "warning", *options)
     try:
         yield process
     finally:
-        process.kill()
-        process.wait()
-
-
-def children(process):
-    """The analyses' processes that a worker has, and not what Python runs beside them."""
-    listed = Path(f"/proc/{process.pid}/task").glob("*/children")
-    pids = {p for one in listed for p in one.read_text().split()}
-    return {p for p in pids if "spawn_main" in words_of(p)}
-
-
-def words_of(pid):
-    """The words of a process' command; none where it is gone."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return ""
+        process.end()
 
 
 async def until(question):
@@ -117,11 +94,10 @@ async def test_what_a_killed_worker_ran_another_one_takes_up(url, database, clie
 
         def who_works():
             statuses(database)
-            return next((one for one in (first, second) if children(one)), None)
+            return next((one for one in (first, second) if one.analyses()), None)
 
         victim = await until(who_works)
-        victim.send_signal(signal.SIGKILL)
-        victim.wait()
+        victim.end(signal.SIGKILL)
         await until(lambda: statuses(database) == ["done"] * 2)
     with database.reading() as session:
         tries = session.scalars(select(AnalysisRow.tries).order_by(AnalysisRow.id)).all()
@@ -133,25 +109,22 @@ async def test_a_worker_that_is_told_to_end_gives_back_what_it_runs_or_finishes_
 ):
     await ask(client, 2)
     with worker(url, "--finish-s", "0") as told:
-        await until(lambda: children(told))
-        told.terminate()
-        await until(lambda: told.poll() is not None)
-        assert told.returncode == 0
+        await until(lambda: told.analyses())
+        assert await to_thread.run_sync(told.end, signal.SIGTERM) == 0
         with database.reading() as session:
             row = session.get(AnalysisRow, 1)
             assert (row.status, row.tries, row.owner) == ("queued", 0, None)
     with worker(url, "--finish-s", "600") as told:
-        await until(lambda: children(told))
-        told.terminate()
-        await until(lambda: told.poll() is not None)
+        await until(lambda: told.analyses())
+        await to_thread.run_sync(told.end, signal.SIGTERM)
     assert statuses(database) == ["done", "queued"]
 
 
 async def test_cancelling_reaches_a_worker(url, database, client):
     await ask(client, 2)
     with worker(url) as one:
-        before = await until(lambda: children(one))
+        before = await until(lambda: one.analyses())
         answer = await client.post(f"{PATH}/1/cancel")
         assert answer.json()["status"] == "cancelled"
-        await until(lambda: not before & children(one))
+        await until(lambda: not before & one.analyses())
         await until(lambda: statuses(database) == ["cancelled", "done"])
