@@ -6,6 +6,7 @@ without the service, the client or any numerics.
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 from importlib import import_module
@@ -165,7 +166,11 @@ class Commands(TyperGroup):
 def load(name: str) -> Any:
     """Load a command, or a group of commands."""
     home = COMMANDS[name]
-    command = getattr(import_module(f"app.cli.{home.module}"), home.name)
+    gc.disable()  # what is imported stays: going through it again and again is a fifth of the time
+    try:
+        command = getattr(import_module(f"app.cli.{home.module}"), home.name)
+    finally:
+        gc.enable()
     if not isinstance(command, typer.Typer):
         alone = typer.Typer(
             add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"
