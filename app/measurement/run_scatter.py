@@ -16,6 +16,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
 from app.arrays import FloatArray
 from app.units import MM_PER_M
@@ -170,8 +171,26 @@ def _own_size(lines: FloatArray, readings: FloatArray) -> FloatArray:
     rounding = ROUNDING * max(float(np.abs(readings).max()), float(spread.max()))
     if n < 3 or m < 2 or min(float(spread.min()), float(common.min())) <= rounding:
         return np.ones(m)
-    from scipy.stats import bartlett  # takes half a second to import
-
-    differ = float(bartlett(*readings.T).pvalue) < POSITIONS_DIFFER
+    differ = alike_by_chance(spread**2, n - 1) < POSITIONS_DIFFER
     sizes: FloatArray = spread / common if differ else np.ones(m)
     return sizes
+
+
+def alike_by_chance(variances: FloatArray, freedom: int) -> float:
+    """Probability that samples of equal variance differ so much, by Bartlett's test.
+
+    Parameters
+    ----------
+    variances : ndarray, shape (m,)
+        Of m ≥ 2 normal samples, each above zero.
+    freedom
+        Degrees of freedom of each: its size less one.
+
+    References
+    ----------
+    M. S. Bartlett, *Properties of sufficiency and statistical tests*, Proc. R. Soc. A 160,
+    268–282 (1937).
+    """
+    m = variances.size
+    apart = m * freedom * (np.log(variances.mean()) - np.log(variances).mean())
+    return float(chdtrc(m - 1, apart / (1.0 + (m + 1) / (3.0 * m * freedom))))

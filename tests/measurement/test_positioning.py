@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.stats import bartlett
 
 from app.errors import InvalidContent
 from app.measurement.positioning import evaluate_positioning
 from app.measurement.run_means import mean_of_runs
+from app.measurement.run_scatter import alike_by_chance
 from tests.geometry.example_fields import random_field
 
 TARGETS = [0.0, 90.0, 210.0]
@@ -191,6 +193,16 @@ def simulated_runs(rng, noise=NOISE, shift=SHIFT, slope=0.0):
 
 def averaged(readings):
     return mean_of_runs(ALONG, readings)
+
+
+@pytest.mark.parametrize(("positions", "runs"), [(2, 3), (6, 4), (11, 5)])
+def test_whether_positions_scatter_alike_is_bartletts_test(positions, runs):
+    """Against SciPy's: alike, and one position of three times the others' standard deviation."""
+    rng = np.random.default_rng(51)
+    for spread in (1.0, np.where(np.arange(positions) == 1, 3.0, 1.0)):
+        readings = spread * rng.normal(size=(runs, positions))
+        found = alike_by_chance(readings.var(axis=0, ddof=1), runs - 1)
+        assert found == pytest.approx(bartlett(*readings.T).pvalue, rel=1e-9)
 
 
 @pytest.mark.slow

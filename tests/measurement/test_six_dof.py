@@ -342,22 +342,22 @@ def test_a_line_leaves_linear_and_angular_readings_alone():
 @pytest.mark.parametrize("line", ["as-read", "end-points", "least-squares"])
 @pytest.mark.parametrize("directions", [1, 2])
 def test_the_stated_covariance_is_the_scatter_of_the_tables(line, directions):
-    """Four runs, noise of 1 µm; 700 measurements: 5 % on a variance."""
+    """Four runs, noise of 1 µm; 700 times across: 5 % on a variance."""
     rng = np.random.default_rng(12)
     form = 5.0 * np.sin(POSITIONS / 90.0)
     errors, stated = [], []
-    for _ in range(700):
-        runs = form + rng.normal(size=(directions, 4, 6))
-        backward = {"y": runs[1]} if directions == 2 else None
-        (table,) = evaluate_six_dof(
+    for _ in range(350):
+        runs = form + rng.normal(size=(directions, 2, 4, 6))
+        way = [dict(zip("yz", both, strict=True)) for both in runs]
+        tables = evaluate_six_dof(
             "x",
             POSITIONS,
-            straightness_um={"y": runs[0]},
-            backward_straightness_um=backward,
+            straightness_um=way[0],
+            backward_straightness_um=way[1] if directions == 2 else None,
             straightness_line=line,
         ).tables
-        errors.append(table.errors)
-        stated.append(table.covariance)
+        errors += [table.errors for table in tables]
+        stated += [table.covariance for table in tables]
     np.testing.assert_allclose(np.cov(np.array(errors).T), np.mean(stated, axis=0), atol=0.06)
     assert np.mean(stated, axis=0)[2, 2] > 0.1
 
@@ -368,24 +368,25 @@ def test_the_stated_covariance_is_the_scatter_of_the_tables(line, directions):
 def test_what_both_directions_of_a_run_share_counts_once(line, opposite):
     """Shift and slope of a run in both directions, or opposite in them: a reversal that varies.
 
-    The first goes with the line and the second stays; 700 measurements of four runs: 5 % on
+    The first goes with the line and the second stays; 700 times across, four runs: 5 % on
     a variance, and each measurement's own estimate is right on the average.
     """
     rng = np.random.default_rng(13)
     across = (POSITIONS - 100.0) / 200.0
     found, stated = [], []
-    for _ in range(700):
-        common = 3.0 * rng.normal(size=(4, 1)) + 2.0 * rng.normal(size=(4, 1)) * across
-        forward, backward = rng.normal(size=(2, 4, 6))
-        (table,) = evaluate_six_dof(
+    for _ in range(350):
+        common = 3.0 * rng.normal(size=(2, 4, 1)) + 2.0 * rng.normal(size=(2, 4, 1)) * across
+        forward, backward = rng.normal(size=(2, 2, 4, 6))
+        backward = 0.5 * backward + (-common if opposite else common)
+        tables = evaluate_six_dof(
             "x",
             POSITIONS,
-            straightness_um={"y": forward + common},
-            backward_straightness_um={"y": 0.5 * backward + (-common if opposite else common)},
+            straightness_um=dict(zip("yz", forward + common, strict=True)),
+            backward_straightness_um=dict(zip("yz", backward, strict=True)),
             straightness_line=line,
         ).tables
-        found.append([table.errors, table.backward_errors])
-        stated.append([table.covariance, table.backward_covariance])
+        found += [[table.errors, table.backward_errors] for table in tables]
+        stated += [[table.covariance, table.backward_covariance] for table in tables]
     for way in (0, 1):
         scatter = np.cov(np.array(found)[:, way].T)
         mean = np.mean([both[way] for both in stated], axis=0)
