@@ -35,12 +35,10 @@ from tests.faults.soak.tally import Tally
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_a_fleet_with_faults_is_answered_rightly(databases, kind, tmp_path):
     url = reachable(databases.migrated, kind)
-    soaked = soak(url, tmp_path, seconds=20.0, machines=4)
+    least = {"latest reading: a table": 31, "stated temperatures: a table": 7, "stream": 4}
+    soaked = soak(url, tmp_path, seconds=12.0, machines=4, least=least)
     assert soaked.is_well, soaked.page()
-    checked = soaked.tally.checked
-    assert checked["latest reading: a table"] > 30
-    assert checked["stated temperatures: a table"] > 6
-    assert checked["stream"] > 3
+    assert Counter(least) <= soaked.tally.checked
     assert soaked.tally.faults["service ended by SIGKILL"] >= 1
     databases.give_back(url)
 

@@ -6,11 +6,13 @@ import os
 import re
 import signal
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 
 import psycopg
 from sqlalchemy import make_url
@@ -41,6 +43,8 @@ THREADS_MORE = 8
 GROWTH_JUDGED_AFTER_H = 0.25
 GROWTH_MIB_PER_H = 30.0
 SAMPLES_EVERY_S = 1.0
+MOST_S = 600.0
+"""No longer is waited for answers [s]."""
 
 ORPHAN = re.compile(
     r"^Traceback \(most recent call last\):\n(?: .*\n)*?.* in spawn_main\n(?: .*\n)*"
@@ -131,6 +135,7 @@ def soak(
     machines: int = 10,
     seed: int = 14,
     pause_s: float = 0.1,
+    least: Mapping[str, int] = MappingProxyType({}),
     say: Callable[[str], None] = lambda words: None,
 ) -> Soaked:
     """Let a fleet work for a while, with faults, and check what it is answered.
@@ -143,6 +148,8 @@ def soak(
         Where the service's log is written.
     pause_s
         How long on the average who works with a machine waits between two steps.
+    least
+        So many answers of each kind are waited for, on a machine that is busy.
     say
         Told about once a minute how far it is.
     """
@@ -176,6 +183,8 @@ def soak(
         _wait(shop, began, ENDING_SHARE * seconds + warm_s, say)
         first = _in_quiet(shop, trouble, look)
         _wait(shop, began, seconds, say)
+        while not Counter(least) <= shop.tally.checked and time.monotonic() - began < MOST_S:
+            _wait(shop, began, time.monotonic() - began + 1.0, say)
         last = _in_quiet(shop, trouble, look, goes_on=False)
     finally:
         shop.ended.set()
