@@ -29,7 +29,8 @@ RUNS: Final = (1, 2, 3, 4, 5, 6)
 """Numbers of the runs, cold to hot."""
 
 PERIOD_S: Final = 1200.0
-"""Time in which the live demonstration warms up and cools down [s]: hours in 20 minutes."""
+"""Time in which the live demonstration warms up and cools down [s]: hours in 20 minutes, so that no
+sensor changes by more than 3 °C/min."""
 
 _LAGS: Final = {
     "spindle": (0.20, 0.05),
@@ -75,7 +76,7 @@ def run_temperatures(number: int) -> dict[str, float]:
     return {sensor: values[number - 1] for sensor, values in _RUN_TEMPERATURES_C.items()}
 
 
-def temperatures_at(time_s: float, period_s: float = PERIOD_S) -> dict[str, float]:
+def temperatures_at(time_s: float) -> dict[str, float]:
     """Give the live temperatures of the demonstration at a time.
 
     The periodic steady state of a first-order thermal network in closed form: heat
@@ -87,9 +88,6 @@ def temperatures_at(time_s: float, period_s: float = PERIOD_S) -> dict[str, floa
     ----------
     time_s
         Seconds since 1970-01-01 UTC [s].
-    period_s
-        Duration of a warm-up and cool-down [s]. In the default of 20 minutes no
-        sensor changes by more than 3 °C/min; the rate is inverse to the period.
 
     Returns
     -------
@@ -103,7 +101,7 @@ def temperatures_at(time_s: float, period_s: float = PERIOD_S) -> dict[str, floa
     >>> temperatures_at(300.0)["spindle"] > temperatures_at(0.0)["spindle"]
     True
     """
-    phase = (time_s % period_s) / period_s
+    phase = (time_s % PERIOD_S) / PERIOD_S
     return {sensor: round(_live_temperature(sensor, phase), 2) for sensor in SENSORS}
 
 
