@@ -1,8 +1,7 @@
 """Write the generated half of `thermap`: the shapes that travel, and the blocking client.
 
-The shapes come from the service's OpenAPI document (`thermap/answers.py`, and
-`thermap/requests.py` for those that are only sent), the blocking client from the awaiting
-one. Tests hold that the files are what this script writes.
+The shapes of answers come from the service's OpenAPI document, the blocking client from the
+awaiting one. Tests hold that the files are what this script writes.
 
     python scripts/write_client.py
 """
@@ -30,11 +29,10 @@ from scripts.openapi_document import openapi_document
 
 PACKAGE: Final = Path(__file__).parent.parent / "thermap"
 
-_WRITTEN: Final = "Written by `scripts/write_client.py` from the service's OpenAPI document."
-_HEADS: Final = {
-    "answers": f"What the service answers with.\n\n{_WRITTEN}\n",
-    "requests": f"What the service is asked with, as far as no answer has it too.\n\n{_WRITTEN}\n",
-}
+_HEAD: Final = (
+    "What the service answers with.\n\n"
+    "Written by `scripts/write_client.py` from the service's OpenAPI document.\n"
+)
 
 _BASES: Final = {
     **dict.fromkeys(("ComponentCompensationAnswer", "ComponentAnswer"), "thermap.table.TableEntry"),
@@ -61,7 +59,7 @@ _REFERENCE: Final = "#/components/schemas/"
 
 
 def write_shapes(document: Mapping[str, Any]) -> dict[str, str]:
-    """Write the modules of shapes.
+    """Write the module of shapes.
 
     Parameters
     ----------
@@ -77,11 +75,11 @@ def write_shapes(document: Mapping[str, Any]) -> dict[str, str]:
         generate(
             json.dumps(_for_generator(document)),
             input_file_type=InputFileType.OpenAPI,
-            output=Path(folder) / "shapes",
+            output=Path(folder) / "answers.py",
             output_model_type=DataModelType.PydanticV2BaseModel,
             target_python_version=PythonVersion.PY_311,
             base_class="thermap.shape.Shape",
-            base_class_map={f"answers.{name}": base for name, base in _BASES.items()},
+            base_class_map=_BASES,
             enum_field_as_literal=LiteralType.All,
             strict_nullable=True,
             use_standard_collections=True,
@@ -97,13 +95,8 @@ def write_shapes(document: Mapping[str, Any]) -> dict[str, str]:
             custom_file_header='""',
             formatters=[Formatter.BUILTIN],
         )
-        found = {
-            f"{name}.py": _finished(
-                head, (Path(folder) / "shapes" / f"{name}.py").read_text("utf-8")
-            )
-            for name, head in _HEADS.items()
-        }
-    return {name: formatted(text, name) for name, text in found.items()}
+        text = _finished((Path(folder) / "answers.py").read_text("utf-8"))
+    return {"answers.py": formatted(text, "answers.py")}
 
 
 def write_blocking() -> dict[str, str]:
@@ -149,9 +142,9 @@ def formatted(text: str, name: str) -> str:
     return text
 
 
-def _finished(head: str, text: str) -> str:
-    """Give a generated module its head, imports as the house has them, and lines of our length."""
-    text = text.replace('""', f'"""{head}"""', 1).replace("from .", "from thermap.")
+def _finished(text: str) -> str:
+    """Give the generated module its head, and lines of our length."""
+    text = text.replace('""', f'"""{_HEAD}"""', 1)
     return _LONG.sub(lambda found: _wrapped(found[1]), text)
 
 
@@ -162,15 +155,18 @@ def _wrapped(description: str) -> str:
 
 
 def _for_generator(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Write a document of the shapes alone, each under the name of its module."""
+    """Write a document of the answers' shapes alone."""
     published: Mapping[str, _Schema] = document["components"]["schemas"]
-    shapes = {name: schema for name, schema in published.items() if "properties" in schema}
     answers = _answers(document)
-    homes = {name: f"{'answers' if name in answers else 'requests'}.{name}" for name in shapes}
+    shapes = {
+        name: schema
+        for name, schema in published.items()
+        if name in answers and "properties" in schema
+    }
     written: dict[str, _Schema] = {}
     for name, schema in shapes.items():
-        parent = _parent(name, {n: s for n, s in shapes.items() if n in answers})
-        written[homes[name]] = _Written(published, homes).shape(
+        parent = _parent(name, shapes)
+        written[name] = _Written(published, shapes).shape(
             schema, parent, shapes[parent] if parent else {}
         )
     return {
@@ -182,13 +178,15 @@ def _for_generator(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _answers(document: Mapping[str, Any]) -> set[str]:
-    """Name every shape that is in an answer."""
+    """Name every shape that is in an answer to what succeeds; `thermap.errors` reads refusals."""
     published = document["components"]["schemas"]
     waiting = [
         name
         for operations in document["paths"].values()
         for operation in operations.values()
-        for name in _named_in(operation["responses"])
+        for status, response in operation["responses"].items()
+        if status.startswith("2")
+        for name in _named_in(response)
     ]
     found: set[str] = set()
     while waiting:
@@ -213,8 +211,6 @@ def _parent(name: str, answers: Mapping[str, _Schema]) -> str | None:
 
     So a function for a CompensationAnswer takes a CurrentCompensationAnswer too.
     """
-    if name not in answers:
-        return None
     own = answers[name]["properties"].items()
     of_fewer = {
         other: len(schema["properties"])
@@ -228,9 +224,9 @@ def _parent(name: str, answers: Mapping[str, _Schema]) -> str | None:
 class _Written:
     """Writes schemas for the generator: without limits, titles and examples."""
 
-    def __init__(self, published: Mapping[str, _Schema], homes: Mapping[str, str]) -> None:
+    def __init__(self, published: Mapping[str, _Schema], shapes: Mapping[str, _Schema]) -> None:
         self._published = published
-        self._homes = homes
+        self._shapes = shapes
 
     def shape(self, schema: _Schema, parent: str | None, of_parent: _Schema) -> _Schema:
         """Write a shape, on top of its parent's fields where it has one."""
@@ -252,7 +248,7 @@ class _Written:
         description = written.pop("description")
         return {
             "description": description,
-            "allOf": [{"$ref": _REFERENCE + self._homes[parent]}, written],
+            "allOf": [{"$ref": _REFERENCE + parent}, written],
         }
 
     def _field(self, schema: _Schema, required: bool) -> _Schema:
@@ -275,8 +271,8 @@ class _Written:
             written["propertyNames"] = {"type": "string", "enum": names["enum"]}
         if "$ref" in schema:
             name = schema["$ref"].removeprefix(_REFERENCE)
-            if name in self._homes:
-                written["$ref"] = _REFERENCE + self._homes[name]
+            if name in self._shapes:
+                written["$ref"] = _REFERENCE + name
             else:  # a word or a mapping, which needs no class of its own
                 written = self._kind(self._published[name]) | written
         return written

@@ -53,7 +53,6 @@ from thermap.answers import (
     StoredVerificationAnswer,
     VerificationPreview,
 )
-from thermap.requests import ErrorMapSchema, MachinePatch, MachineSettings
 
 pytestmark = pytest.mark.anyio
 
@@ -139,12 +138,12 @@ def failing(error):
 
 async def test_machines(client):
     assert [m.id for m in await client.machines()] == ["mcfv5050"]
-    made = await client.create_machine(MachineSettings(**MACHINE | {"id": "second"}))
+    made = await client.create_machine(MACHINE | {"id": "second"})
     assert made.active_model is None
-    # x-middle's usual stand-in is the service's to add: a schema sends what was stated.
+    # x-middle's usual stand-in is the service's to add.
     assert made.sensors[0].stand_in == "y-front"
     assert await client.machine("second") == made
-    changed = await client.change_machine("second", MachinePatch(name="The second"))
+    changed = await client.change_machine("second", {"name": "The second"})
     assert (changed.name, changed.sensors) == ("The second", made.sensors)
     assert (await client.change_machine("second", {"out_of_range": "reject"})).name == "The second"
     assert await client.delete_machine("second") is None
@@ -163,15 +162,13 @@ async def test_error_maps(client):
     assert stored.components[0].errors_um == [0.0, 14.0, 70.0]
     again = await client.store_error_map(
         "mcfv5050",
-        ErrorMapSchema(
-            **error_map("Run #7", 34.0)
-            | {
-                "components": [
-                    {"component": "EXX", "positions_mm": [0, 200, 400], "errors_um": [0, 14, 70]},
-                    *content["components"][1:],
-                ]
-            }
-        ),
+        error_map("Run #7", 34.0)
+        | {
+            "components": [
+                {"component": "EXX", "positions_mm": [0, 200, 400], "errors_um": [0, 14, 70]},
+                *content["components"][1:],
+            ]
+        },
     )
     assert again.id == stored.id
     assert (stored.activated, [p.component for p in stored.loses]) == (False, ["EXX"])

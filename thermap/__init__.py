@@ -4,8 +4,8 @@
 >>> with ThermapClient("http://127.0.0.1:8000") as client:
 ...     table = client.compensation("mcfv5050", {"x-middle": 24.1})  # doctest: +SKIP
 
-Answers are the shapes of `thermap.answers`; bodies are mappings, or the shapes of
-`thermap.requests`. Both are generated from the service's OpenAPI document.
+Answers are the shapes of `thermap.answers`, which is generated from the service's OpenAPI document;
+bodies are mappings with the fields that the service's `/docs` shows.
 """
 
 from __future__ import annotations

@@ -2458,35 +2458,6 @@ class WithdrawnReadings(Shape):
     """Readings that count nowhere from now on"""
 
 
-class ProblemField(Shape):
-    """One field that is to blame."""
-
-    field: str
-    """Path of the field"""
-
-    message: str
-    """What was expected, what came, and the unit"""
-
-
-class Problem(Shape):
-    """Problem details (RFC 9457), as application/problem+json."""
-
-    type: str
-    """Kind of problem"""
-
-    title: str
-    """The kind in words"""
-
-    status: int
-    """HTTP status"""
-
-    detail: str
-    """What is the matter, in a sentence"""
-
-    errors: list[ProblemField]
-    """The fields that are to blame"""
-
-
 class WatchChange(Shape):
     """The watch of a machine says something else than before."""
 

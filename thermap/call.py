@@ -18,7 +18,7 @@ from thermap.errors import error_of, unreadable
 Answer = TypeVar("Answer")
 
 Content: TypeAlias = BaseModel | Mapping[str, Any]
-"""What a body may be: one of `thermap.requests`, or a mapping with the same fields."""
+"""What a body may be: a mapping with the fields that `/docs` shows, or a shape of an answer."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Shape(BaseModel):
-    """Something that travels to the service or comes from it; it cannot be changed.
+    """Something that comes from the service; it cannot be changed.
 
-    What a user writes has no unknown fields. Of an answer, fields that a newer service adds
-    are passed over by `thermap.call.reader_of`.
+    What a user makes has no unknown fields. Fields that a newer service adds are passed over by
+    `thermap.call.reader_of`.
     """
 
     model_config = ConfigDict(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json as json_text
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
+from app.api.schemas.machines import MachineAnswer
 from app.cli.console import console
 from app.cli.measurement_view import measurement_view
 from app.cli.models import preview_lines, waiting_lines
@@ -29,21 +30,20 @@ from app.cli.uploads import (
 )
 from app.errors import counted, list_names
 from app.json_text import NoJsonError, RepeatedNameError, read_json
+from app.thermal.machine import Machine
 from thermap import DEFAULT_URL, ThermapClient, calls
 from thermap.answers import (
     DriftVerificationAnswer,
     ErrorMapAnswer,
-    MachineAnswer,
     MapPreview,
     MeasurementAnswer,
     PreviewAnswer,
     ThermalDriftAnswer,
 )
-from thermap.requests import MachineSettings
 
 KEPT_AS: Final = ("maps", "verification", "both")
 
-_ANSWERED: Final = MachineAnswer.model_fields.keys() - MachineSettings.model_fields.keys()
+_ANSWERED: Final = {f.name for f in fields(MachineAnswer)} - {f.name for f in fields(Machine)}
 """What the service says of a machine, and nobody states."""
 
 

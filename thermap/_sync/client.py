@@ -65,8 +65,8 @@ class ThermapClient:
 
     Notes
     -----
-    Bodies are mappings, or the shapes of `thermap.requests` with the same fields; numpy
-    arrays may stand wherever a list of numbers may. Safe to share by threads.
+    Bodies are mappings with the fields of the shape that a method names, which the service's
+    `/docs` shows; numpy arrays may stand wherever a list of numbers may. Safe to share by threads.
     """
 
     def __init__(
