@@ -261,7 +261,7 @@ def _show(content: bytes | RenderableType) -> None:
 
 def _show_plan(thermap: ThermapClient, machine: str, files: Sequence[Path], *, json: bool) -> None:
     """Ask what the files' observations, or those that are stored, could see."""
-    visits = [visit.planned for _, visit in look_at_visits(thermap, machine, files)]
+    visits = [visit.planned for visit in look_at_visits(thermap, machine, files)]
     question = (
         {"planned": visits}
         if visits

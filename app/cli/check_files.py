@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, cast
 
+from app.api.schemas.analyses import VisitPreview
 from app.cli.terminal import echo
-from app.cli.uploads import Beside, Upload, look_at_all, naming, read_bytes, send
+from app.cli.uploads import Beside, Sent, Upload, look_at_all, naming, read_bytes, send
 from app.errors import counted
 from thermap import ThermapClient, calls
-from thermap.answers import StoredVerificationAnswer, VerificationPreview, VisitPreview
+from thermap.answers import StoredVerificationAnswer, VerificationPreview
 
 _BESIDE: Final = {"kind": "check"}
 _PLANNED: Final = {"planned": "true"}
@@ -27,7 +28,7 @@ def look_at_checks(
         With file, line and column of everything that is wrong in any.
     """
     looks = _looks(thermap, machine, files, _BESIDE)
-    return [(upload, cast("VerificationPreview", answer)) for upload, answer in looks]
+    return [(upload, cast("VerificationPreview", look.answer)) for upload, look in looks]
 
 
 def show_checks(read: Sequence[tuple[Upload, VerificationPreview]]) -> None:
@@ -75,7 +76,7 @@ def store_checks(
 
 def look_at_visits(
     thermap: ThermapClient, machine: str, files: Sequence[Path]
-) -> list[tuple[Upload, VisitPreview]]:
+) -> list[VisitPreview]:
     """Let the service read files of what is yet to be measured.
 
     Raises
@@ -83,18 +84,18 @@ def look_at_visits(
     NotImported
         With file, line and column of everything that is wrong in any.
     """
-    looks = _looks(thermap, machine, files, _PLANNED)
-    visits = [(upload, cast("VisitPreview", answer)) for upload, answer in looks]
-    for upload, visit in visits:
-        for warning in visit.warnings:
+    visits = []
+    for upload, look in _looks(thermap, machine, files, _PLANNED):
+        visits.append(VisitPreview.model_validate_json(look.content))
+        for warning in visits[-1].warnings:
             echo(f"{upload.file}: note: {warning}", err=True)
     return visits
 
 
 def _looks(
     thermap: ThermapClient, machine: str, files: Sequence[Path], beside: Beside
-) -> Iterator[tuple[Upload, calls.ImportedFile]]:
+) -> Iterator[tuple[Upload, Sent[calls.ImportedFile]]]:
     """Let the service read every file, and store none."""
     uploads = [Upload(file, machine, content) for file, content in read_bytes(files).items()]
     looks = look_at_all(thermap, uploads, beside, calls.Storing(preview=True))
-    return ((upload, look.answer) for upload, look in zip(uploads, looks, strict=True))
+    return zip(uploads, looks, strict=True)

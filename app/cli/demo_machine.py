@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final
+from typing import Final
 
-from app.cli.described import described
 from app.errors import Conflict
+from app.files.csv_writing import csv_of_map
 from app.simulation.example.error_maps import run_map
 from app.simulation.example.machine import example_machine
 from app.simulation.example.warm_up import temperatures_at
-from app.thermal.error_map import ComponentTable
-from thermap import ConflictError, ThermapClient, UnknownThingError
+from app.thermal.machine import MACHINE
+from thermap import ConflictError, ThermapClient, UnknownThingError, calls
 from thermap.answers import ReadingSchema
 
 STORED_RUNS: Final = (1, 3, 6)
@@ -33,7 +33,7 @@ def set_up(thermap: ThermapClient) -> str:
     try:
         present = thermap.machine(machine.id)
     except UnknownThingError:
-        present = thermap.create_machine(described(machine))
+        present = thermap.create_machine(MACHINE.dump_python(machine, mode="json"))
     if present.name != machine.name:
         raise Conflict(
             f"{thermap.base_url} has a machine {machine.id!r} that is not the simulated one "
@@ -41,7 +41,9 @@ def set_up(thermap: ThermapClient) -> str:
         )
     try:
         for number in STORED_RUNS:
-            thermap.store_error_map(machine.id, _map_body(number))
+            content = csv_of_map(machine.id, run_map(number)).encode()
+            name = f"run-{number}.csv"
+            thermap.send(calls.send_file(machine.id, name, content, {}, calls.Storing(store=True)))
     except ConflictError as error:
         raise Conflict(f"{error.detail}; or give the demo a new --database-url") from error
     thermap.store_readings(machine.id, _history(datetime.now(UTC)))
@@ -63,24 +65,3 @@ def _history(now: datetime) -> Iterator[ReadingSchema]:
     end = now.replace(second=now.second - now.second % HISTORY_SPACING_S, microsecond=0)
     for back in range(int(HISTORY.total_seconds()), -1, -HISTORY_SPACING_S):
         yield reading_at(end - timedelta(seconds=back))
-
-
-def _map_body(number: int) -> dict[str, Any]:
-    """Write a run as the service takes it."""
-    run = run_map(number)
-    return {
-        "label": run.label,
-        "measured_at": run.measured_at,
-        "temperatures_c": run.temperatures_c,
-        "components": [_component_body(table) for table in run.tables.values()],
-        "repeatability_um": run.repeatability_um,
-        "instrument": run.instrument,
-    }
-
-
-def _component_body(table: ComponentTable) -> dict[str, Any]:
-    component = table.component
-    body: dict[str, Any] = {"component": component.code}
-    if component.is_table:
-        return body | {"positions_mm": table.positions_mm, component.input_field: table.errors}
-    return body | {component.input_field: float(table.errors[0])}

@@ -13,7 +13,6 @@ import typer
 
 from app.cli.check_files import look_at_visits
 from app.cli.controllers import write_files
-from app.cli.described import machine_of, visit_of
 from app.cli.options import (
     MachineArgument,
     UrlOption,
@@ -36,9 +35,9 @@ from app.programs.program import MeasuringProgram, Stop
 from app.programs.step_diagonal import step_diagonal_program
 from app.programs.visit import visit_program
 from app.programs.warm_up import SpindleStep, warm_up_program
-from app.thermal.machine import Machine
+from app.thermal.machine import MACHINE, Machine
 from app.units import SECONDS_PER_MIN
-from thermap import DEFAULT_URL
+from thermap import DEFAULT_URL, calls
 
 ControllerOption = Annotated[
     str,
@@ -176,7 +175,8 @@ def _machine_and_manner(
     places = read_named_numbers(retract, "--retract", "a position in mm")
     manner = Manner(feed, dwell, reading, overrun, window, places or None)
     with connect(url) as thermap:
-        return machine_of(thermap.machine(machine)), manner
+        content = thermap.content(calls.machine(machine))
+    return MACHINE.validate_json(content, extra="ignore"), manner
 
 
 def _write(
@@ -434,11 +434,11 @@ def write_visit(
     Example: `thermap program visit mcfv5050 planned.csv -c siemens --output monday`
     """
     with connect(url) as thermap:
-        ((_, visit),) = look_at_visits(thermap, machine.id, [file])
+        (visit,) = look_at_visits(thermap, machine.id, [file])
     return visit_program(
         machine,
         manner,
-        visit_of(visit.planned),
+        visit.planned.to_verification(),
         line_mm=read_named_numbers(line, "--line", "a position in mm"),
     )
 

@@ -6,14 +6,18 @@ The model at the times of stored readings, and noise: a machine that is as its m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
+import numpy as np
 import typer
 
+from app.api.schemas.verifications import MeasuredObservation
+from app.cli.check_files import look_at_visits
 from app.cli.options import (
     LabelOption,
     MachineArgument,
@@ -28,12 +32,11 @@ from app.cli.options import (
     write_file,
 )
 from app.cli.terminal import echo
-from app.csv_text import csv_line, no_formula
+from app.effects.observations import Observation, Verification
 from app.errors import ThermapError, UnknownComponent, counted, list_names
-from thermap import DEFAULT_URL
-
-if TYPE_CHECKING:
-    from thermap import ThermapClient
+from app.files.csv_writing import csv_of_check
+from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, parse_component
+from thermap import DEFAULT_URL, ThermapClient, ThermapClientError
 
 OBSERVATION_EVERY: Final = timedelta(seconds=20)
 """So long an instrument takes from one place to the next."""
@@ -44,19 +47,8 @@ READINGS_APART: Final = timedelta(minutes=10)
 _DECIMALS: Final = 4
 """Of what is read in µm: a tenth of a nanometre, as the service writes."""
 
-_COLUMNS: Final = (
-    *("time", "component", "position_mm", "direction", "measured_um", "measured_urad"),
-    *(f"{stem}_{axis}_mm" for stem in ("point", "tool") for axis in "xyz"),
-    *(f"measured_{axis}_um" for axis in "xyz"),
-    *(f"direction_{axis}" for axis in "xyz"),
-    "setup",
-)
-
 VISITS_APART: Final = timedelta(hours=2)
 """From the beginning of a visit to that of the next, at least."""
-
-Observation = dict[str, Any]
-"""One observation as the service takes it, without its value."""
 
 _Range: TypeAlias = tuple[float, float] | None
 """First and last position [mm]; None of a component without argument."""
@@ -64,14 +56,6 @@ _Range: TypeAlias = tuple[float, float] | None
 
 class NothingToSimulate(ThermapError):
     """The service has not what a simulation needs."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """Observations visit by visit, and what the file says above them."""
-
-    visits: Sequence[Sequence[Observation]]
-    datum: str
 
 
 def simulate_verification(
@@ -137,8 +121,6 @@ def simulate_verification(
 
     Example: `thermap simulate verification vmc --reversal EXX=4 -o night.csv`
     """
-    import numpy as np
-
     expect_finite(context.params)
     named = label_of(output, label)
     reversals = _read_reversals(reversal)
@@ -146,66 +128,68 @@ def simulate_verification(
         planned = (
             _default_plan(thermap, machine, visits, positions, component, (since, until))
             if plan is None
-            else _stated_plan(thermap, machine, plan)
+            else look_at_visits(thermap, machine, [plan])[0].planned.to_verification()
         )
         rng = np.random.default_rng(seed)
-        rows: list[Sequence[Any]] = []
-        left_out = 0
+        made: list[Observation] = []
         version = 0
-        for visit in planned.visits:
+        by_setup: dict[str | None, list[Observation]] = {}
+        for observation in sorted(planned.observations, key=attrgetter("time_s")):
+            by_setup.setdefault(observation.setup, []).append(observation)
+        for visit in by_setup.values():
             answer = thermap.predict(
                 machine,
-                _predictable(visit),
+                list(map(_question, visit)),
                 missing_components="zero" if missing_as_zero else "refuse",
             )
             version = answer.model_version
             for observation, predicted in zip(visit, answer.predicted_um, strict=True):
                 if predicted is None:
-                    left_out += 1
                     continue
                 values = np.atleast_1d(np.asarray(predicted, dtype=float))
                 values = values + rng.normal(0.0, noise, values.size) if noise else values
-                values += _reversed_by(observation, reversals)
-                rows.append(_row(observation, [round(float(v), _DECIMALS) for v in values]))
-    if not rows:
+                values = (values + _reversed_by(observation, reversals)).round(_DECIMALS)
+                made.append(replace(observation, measured=tuple(values.tolist())))
+    if not made:
         raise NothingToSimulate(
             f"the model says nothing of machine {machine!r} at these times: there are no "
             "readings around them, or no two error maps"
         )
-    head = [
-        f"label: {named}",
-        f"machine: {machine}",
-        f"datum: {planned.datum}",
-        "instrument: simulation",
-        # Sentences without a colon are read by people alone.
+    simulated = Verification(
+        named, made, planned.datum, repeatability_um=noise or None, instrument="simulation"
+    )
+    notes = (
         f"Simulated from model version {version}, for training, not measured",
         f"Simulated with {_disturbances(noise, seed, reversals)}",
-    ]
-    head += [f"repeatability_um: {noise:g}"] if noise else []
-    write_file(output, _written(head, rows))
-    if left_out:
+    )
+    write_file(output, csv_of_check(machine, simulated, notes))
+    if left_out := len(planned.observations) - len(made):
         echo(
             f"note: {counted(left_out, 'observation')} left out: there is no reading around its "
             "time, or no two maps have the component",
             err=True,
         )
-    content = f"{counted(len(rows), 'observation')} in {counted(len(planned.visits), 'visit')}"
+    content = f"{counted(len(made), 'observation')} in {counted(len(by_setup), 'visit')}"
     echo(f"{output}: {content}, simulated")
 
 
-def _predictable(visit: Iterable[Observation]) -> list[Observation]:
-    """Leave out what a prediction does not ask for."""
-    return [{k: v for k, v in observation.items() if k != "setup"} for observation in visit]
+def _question(observation: Observation) -> dict[str, Any]:
+    """Write where and when, without what a prediction is not asked."""
+    time = datetime.fromtimestamp(observation.time_s, UTC)
+    stated = MeasuredObservation.of(observation, time)
+    return {
+        name: value
+        for name, value in stated.items()
+        if name != "setup" and not name.startswith("measured")
+    }
 
 
 def _read_reversals(texts: Sequence[str] | None) -> dict[str, float]:
     """Read reversal values by the components' codes."""
-    from app.geometry.components import parse_component
-
     reversals = {}
     named = read_named_numbers(texts, "--reversal", "a reversal value in µm")
     for name, value in named.items():
-        component, _ = _parsed(name, "--reversal", parse_component)
+        component = _parsed(name, "--reversal")
         if not component.is_table:
             raise typer.BadParameter(
                 f"{component.code} has no direction of approach", param_hint="--reversal"
@@ -214,26 +198,11 @@ def _read_reversals(texts: Sequence[str] | None) -> dict[str, float]:
     return reversals
 
 
-def _parsed(name: str, option: str, parse: Any) -> Any:
+def _parsed(name: str, option: str) -> Component:
     try:
-        return parse(name)
+        return parse_component(name)[0]
     except UnknownComponent as error:
         raise typer.BadParameter(error.detail, param_hint=option) from None
-
-
-def _stated_plan(thermap: ThermapClient, machine: str, file: Path) -> _Plan:
-    """Read a plan; what it states as a set-up is a visit."""
-    from app.cli.check_files import look_at_visits
-
-    ((_, visit),) = look_at_visits(thermap, machine, [file])
-    body = visit.planned.model_dump(mode="json", exclude_none=True)
-    ordered = sorted(
-        map(_approached, body["observations"]), key=lambda o: datetime.fromisoformat(o["time"])
-    )
-    setups: dict[str | None, list[Observation]] = {}
-    for observation in ordered:
-        setups.setdefault(observation.get("setup"), []).append(observation)
-    return _Plan(list(setups.values()), body.get("datum", "absolute"))
 
 
 def _default_plan(
@@ -243,7 +212,7 @@ def _default_plan(
     positions: int,
     components: Sequence[str] | None,
     span: tuple[datetime | None, datetime | None],
-) -> _Plan:
+) -> Verification:
     """Visit the components in turn at times that the stored readings cover evenly."""
     ranges = _ranges_of_maps(thermap, machine, components)
     count = positions * len(ranges)
@@ -273,7 +242,7 @@ def _default_plan(
             "no more",
             err=True,
         )
-    planned = []
+    planned: list[Observation] = []
     for i, start in enumerate(starts):
         # The maps in use can change while a visit lasts, so they are asked for at both its ends.
         end = start + every * count
@@ -282,17 +251,15 @@ def _default_plan(
         here = ranges
         for reading in (around[0], after):
             here = here | _ranges_of_table(thermap, machine, reading.temperatures_c, here)
-        planned.append(list(_visit(start, _places(here, positions), i, every)))
-    return _Plan(planned, "absolute")
+        planned += _visit(start, _places(here, positions), i, every)
+    return Verification("planned", planned, is_planned=True)
 
 
 def _ranges_of_maps(
     thermap: ThermapClient, machine: str, components: Sequence[str] | None
 ) -> dict[str, _Range]:
     """List the components, and from where to where any map of the active model has them."""
-    from app.geometry.components import COMPONENTS, parse_component
-
-    wanted = {_parsed(name, "--component", parse_component)[0].code for name in components or ()}
+    wanted = {_parsed(name, "--component").code for name in components or ()}
     ranges: dict[str, _Range] = {}
     for error_map in thermap.error_maps(machine):
         for table in error_map.components if error_map.in_active_model else ():
@@ -322,9 +289,6 @@ def _ranges_of_table(
     None of it where the service gives no table at these temperatures: nothing is predicted there
     either, and that is said.
     """
-    from app.geometry.components import COMPONENTS
-    from thermap import ThermapClientError
-
     try:
         table = thermap.compensation(machine, temperatures_c)
     except ThermapClientError:
@@ -378,66 +342,22 @@ def _visit(
 ) -> Iterator[Observation]:
     """Go through all places, from both sides in turn."""
     for i, (code, position) in enumerate(places):
-        observation: Observation = {
-            "time": (start + i * every).isoformat().replace("+00:00", "Z"),
-            "component": code,
-            "setup": f"visit {number + 1}",
-        }
-        if position is not None:
-            sign = "+" if (i + number) % 2 else "-"
-            observation |= {"position_mm": round(position, 3), "direction": sign}
-        yield observation
+        way = 1 if (i + number) % 2 else -1
+        along = COMPONENTS[code].axis if position is not None else None
+        x, y, z = (way if axis == along else 0 for axis in LINEAR_LETTERS)
+        yield Observation(
+            (start + i * every).timestamp(),
+            (0.0,),
+            code,
+            None if position is None else round(position, 3),
+            directions=(x, y, z),
+            setup=f"visit {number + 1}",
+        )
 
 
-def _approached(observation: Observation) -> Observation:
-    """State a component's approach by one sign, as a file does; the service has one an axis."""
-    from app.geometry.components import COMPONENTS
-
-    code, signs = _code(observation), observation.get("direction")
-    if not code or not isinstance(signs, dict):
-        return observation
-    sign = signs.get(str(COMPONENTS[code].axis))
-    rest = {name: value for name, value in observation.items() if name != "direction"}
-    return rest if sign is None else {**rest, "direction": sign}
-
-
-def _reversed_by(observation: Mapping[str, Any], reversals: Mapping[str, float]) -> float:
+def _reversed_by(observation: Observation, reversals: Mapping[str, float]) -> float:
     """Give half a component's reversal value with the sign of the approach."""
-    sign = {"+": 0.5, "-": -0.5}.get(str(observation.get("direction")), 0.0)
-    return sign * reversals.get(_code(observation), 0.0)
-
-
-def _code(observation: Mapping[str, Any]) -> str:
-    from app.geometry.components import parse_component
-
-    name = observation.get("component")
-    return parse_component(name)[0].code if name else ""
-
-
-def _row(observation: Observation, values: Sequence[float]) -> list[Any]:
-    """Write one observation's line."""
-    from app.geometry.components import COMPONENTS
-    from app.units import Unit
-
-    time, code, setup = observation["time"], _code(observation), observation.get("setup", "")
-    if not code:
-        signs = observation.get("direction", {})
-        tool = observation.get("tool_offset_mm", ["", "", ""])
-        places = [*observation["point_mm"], *tool, *values]
-        return [time, *[""] * 5, *places, *(signs.get(axis, "") for axis in "xyz"), setup]
-    is_angle = COMPONENTS[code].unit in (Unit.URAD, Unit.UM_PER_M)
-    cells = ["", values[0]] if is_angle else [values[0], ""]
-    place = [observation.get("position_mm", ""), observation.get("direction", "")]
-    return [time, observation["component"], *place, *cells, *[""] * 12, setup]
-
-
-def _written(head: Iterable[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Write the file, without the columns that hold nothing."""
-    used = [i for i in range(len(_COLUMNS)) if any(row[i] != "" for row in rows)]
-    lines = [f"# {no_formula(line)}\n" for line in head]
-    lines.append(csv_line(_COLUMNS[i] for i in used))
-    lines += [csv_line(row[i] for i in used) for row in rows]
-    return "".join(lines)
+    return 0.5 * sum(observation.directions) * reversals.get(observation.component or "", 0.0)
 
 
 def _disturbances(noise: float, seed: int, reversals: Mapping[str, float]) -> str:

@@ -60,8 +60,11 @@ def csv_of_map(machine_id: str, error_map: ErrorMap) -> str:
     return "".join(lines)
 
 
-def csv_of_check(machine_id: str, check: Verification) -> str:
-    """Write a check, of components and at points; reading it gives the same observations."""
+def csv_of_check(machine_id: str, check: Verification, notes: Iterable[str] = ()) -> str:
+    """Write a check, of components and at points; reading it gives the same observations.
+
+    `notes` are sentences without a colon, which are read by people alone.
+    """
     lines = [
         _comment("label", check.label),
         _comment("machine", machine_id),
@@ -73,6 +76,7 @@ def csv_of_check(machine_id: str, check: Verification) -> str:
         lines.append(_comment("instrument", check.instrument))
     if check.operator:
         lines.append(_comment("operator", check.operator))
+    lines += [f"# {no_formula(note)}\n" for note in notes]
     rows = [_cells(observation) for observation in check.observations]
     columns = sorted({name for row in rows for name in row}, key=_column_order)
     lines.append(csv_line(columns))
