@@ -126,7 +126,7 @@ def read_uploaded_map(
         line: line, column, what was expected and what came; under its own name for what the file
         lacks and may be stated; if it is of another method or machine, or a check.
     """
-    file = Path(Path(name).name or "file.csv")
+    file = Path(name or "file.csv")
     expects_map = method is None
     is_contract = is_json(content, file)
     try:

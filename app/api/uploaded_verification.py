@@ -68,7 +68,7 @@ def read_uploaded_verification(
         line: line, column, what was expected and what came; if an instrument wrote it; if it
         is another machine's.
     """
-    file = Path(Path(name).name or "file.csv")
+    file = Path(name or "file.csv")
     try:
         if is_json(content, file):
             problems = Problems(file)
@@ -82,11 +82,12 @@ def read_uploaded_verification(
             raise UnreadableFile(
                 f"{file} says that it belongs to {read.machine!r}, got {machine!r}"
             )
-        verification = _checked(read.body, Problems(file), read.lines, is_planned=is_planned)
+        body = _without_values(read.body) if is_planned else read.body
+        verification = _checked(body, Problems(file), read.lines, is_planned=is_planned)
     except UnreadableFile as error:
         refuse_other_kind(FileKind.CHECK, content, file)
         raise _of_lines(error.wrong) from None
-    return UploadedVerification(file, verification, read.body, read.remarks, read.lines)
+    return UploadedVerification(file, verification, body, read.remarks, read.lines)
 
 
 def _of_lines(lines: Sequence[str]) -> InvalidContent:
@@ -94,14 +95,15 @@ def _of_lines(lines: Sequence[str]) -> InvalidContent:
 
 
 def _without_values(body: Any) -> Any:
-    """Leave measured values out of a body; one of another shape stays, to be refused."""
+    """Leave out of a body what was measured, and by whom; one of another shape is refused later."""
     if not isinstance(body, dict) or not isinstance(body.get("observations"), list):
         return body
     planned = [
         {k: v for k, v in o.items() if not k.startswith(_VALUE)} if isinstance(o, dict) else o
         for o in body["observations"]
     ]
-    return {**body, "observations": planned}
+    stated = {k: v for k, v in body.items() if k not in ("instrument", "operator")}
+    return stated | {"observations": planned}
 
 
 def _checked(

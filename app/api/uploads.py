@@ -57,7 +57,7 @@ async def _file_content(request: Request) -> bytes:
 FileContent = Annotated[bytes, Depends(_file_content)]
 FileName = Annotated[
     str,
-    Query(max_length=200, description="The file's name, for messages", examples=["run-9.csv"]),
+    Query(max_length=1000, description="The file's name, for messages", examples=["run-9.csv"]),
 ]
 
 
