@@ -8,6 +8,7 @@ awaiting one. Tests hold that the files are what this script writes.
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import shutil
@@ -25,6 +26,10 @@ from datamodel_code_generator.enums import DataModelType
 from datamodel_code_generator.format import Formatter, PythonVersion
 from datamodel_code_generator.parser import LiteralType
 
+from app.effects.claim import AnsweredClaim
+from app.services.change_model import ModelChange
+from app.services.controllers import ControllerHead
+from app.storage.records import VerificationExtent
 from scripts.openapi_document import openapi_document
 
 PACKAGE: Final = Path(__file__).parent.parent / "thermap"
@@ -42,6 +47,11 @@ _BASES: Final = {
     "CompensationAnswer": "thermap.table.CompensationTable",
 }
 """Shapes that say more than their fields."""
+
+_COMMON: Final = {
+    kind.__name__: kind for kind in (ModelChange, VerificationExtent, AnsweredClaim, ControllerHead)
+}
+"""What several answers have in common as the service has it, which is not published by itself."""
 
 _KEPT: Final = frozenset(("type", "format", "enum", "const", "required", "default", "description"))
 """What a schema says that is read from it; limits are the service's to check, and may widen."""
@@ -145,6 +155,9 @@ def formatted(text: str, name: str) -> str:
 def _finished(text: str) -> str:
     """Give the generated module its head, and lines of our length."""
     text = text.replace('""', f'"""{_HEAD}"""', 1)
+    for name, base in _BASES.items():  # which the generator leaves out where there are parents
+        also = base.rpartition(".")[2]
+        text = text.replace(f"class {name}(ModelChange):", f"class {name}(ModelChange, {also}):")
     return _LONG.sub(lambda found: _wrapped(found[1]), text)
 
 
@@ -163,12 +176,11 @@ def _for_generator(document: Mapping[str, Any]) -> dict[str, Any]:
         for name, schema in published.items()
         if name in answers and "properties" in schema
     }
-    written: dict[str, _Schema] = {}
-    for name, schema in shapes.items():
-        parent = _parent(name, shapes)
-        written[name] = _Written(published, shapes).shape(
-            schema, parent, shapes[parent] if parent else {}
-        )
+    shapes |= {name: _common(kind, shapes) for name, kind in _COMMON.items()}
+    written = {
+        name: _Written(published, shapes).shape(schema, _parents(name, shapes))
+        for name, schema in shapes.items()
+    }
     return {
         "openapi": document["openapi"],
         "info": document["info"],
@@ -206,19 +218,36 @@ def _named_in(part: Any) -> Iterator[str]:
             yield from _named_in(value)
 
 
-def _parent(name: str, answers: Mapping[str, _Schema]) -> str | None:
-    """Find the answer of which another one is a kind: it has all its fields, and more.
+def _common(kind: type[Any], answers: Mapping[str, _Schema]) -> _Schema:
+    """Describe what answers have in common, as most of them that have it do."""
+    names = inspect.get_annotations(kind).keys()
+    described = [
+        {
+            "description": inspect.getdoc(kind),
+            "properties": {name: p for name, p in one["properties"].items() if name in names},
+            "required": [name for name in one.get("required", ()) if name in names],
+        }
+        for one in answers.values()
+        if names <= one["properties"].keys()
+    ]
+    return max(described, key=described.count)
+
+
+def _parents(name: str, answers: Mapping[str, _Schema]) -> list[str]:
+    """Find the answers of which another one is a kind: it has all their fields, and more.
 
     So a function for a CompensationAnswer takes a CurrentCompensationAnswer too.
     """
     own = answers[name]["properties"].items()
-    of_fewer = {
-        other: len(schema["properties"])
-        for other, schema in answers.items()
-        if len(own) > len(schema["properties"]) >= _LIKENESS
-        and all(field in own for field in schema["properties"].items())
-    }
-    return max(sorted(of_fewer), key=of_fewer.__getitem__, default=None)
+    parents: list[str] = []
+    inherited: set[str] = set()
+    for other in sorted(answers, key=lambda n: (-len(answers[n]["properties"]), n)):
+        fields = answers[other]["properties"]
+        is_kind = len(own) > len(fields) >= _LIKENESS and all(f in own for f in fields.items())
+        if is_kind and (not parents or (other in _COMMON and not fields.keys() <= inherited)):
+            parents.append(other)
+            inherited |= fields.keys()
+    return parents
 
 
 class _Written:
@@ -228,9 +257,10 @@ class _Written:
         self._published = published
         self._shapes = shapes
 
-    def shape(self, schema: _Schema, parent: str | None, of_parent: _Schema) -> _Schema:
-        """Write a shape, on top of its parent's fields where it has one."""
-        inherited = of_parent.get("properties", {})
+    def shape(self, schema: _Schema, parents: Iterable[str]) -> _Schema:
+        """Write a shape, on top of the fields of its parents where it has any."""
+        references = [{"$ref": _REFERENCE + parent} for parent in parents]
+        inherited = {f for parent in parents for f in self._shapes[parent]["properties"]}
         required = set(schema.get("required", ()))
         own = {
             field: self._field(described, field in required)
@@ -243,13 +273,9 @@ class _Written:
             "properties": own,
             "required": [field for field in own if field in required],
         }
-        if parent is None:
+        if not references:
             return written
-        description = written.pop("description")
-        return {
-            "description": description,
-            "allOf": [{"$ref": _REFERENCE + parent}, written],
-        }
+        return {"description": written.pop("description"), "allOf": [*references, written]}
 
     def _field(self, schema: _Schema, required: bool) -> _Schema:
         written = self._kind(schema)

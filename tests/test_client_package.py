@@ -19,12 +19,17 @@ from scripts.openapi_document import openapi_document
 from tests.service_examples import furnish_database, running
 from thermap import answers
 from thermap.shape import Shape
+from thermap.table import Components
 
 PACKAGE = Path(thermap.__file__).parent
 ROOT = PACKAGE.parent
 OF_THE_CLIENT = {"httpx", "pydantic"}
 
 # -- generated -----------------------------------------------------------------------------
+
+
+COMMON = {"ModelChange", "VerificationExtent", "AnsweredClaim", "ControllerHead"}
+"""What several answers have in common; it is published in each of them."""
 
 
 def test_every_shape_has_the_fields_that_are_published():
@@ -36,9 +41,9 @@ def test_every_shape_has_the_fields_that_are_published():
         and issubclass(kind, Shape)
         and kind.__module__ == answers.__name__
     }
-    assert shapes.keys() - published.keys() == set(), REWRITE
-    for name, shape in shapes.items():
-        schema = published[name]
+    assert shapes.keys() - published.keys() <= COMMON, REWRITE
+    for name in shapes.keys() & published.keys():
+        shape, schema = shapes[name], published[name]
         fields = {has.alias or field: has for field, has in shape.model_fields.items()}
         assert fields.keys() == schema["properties"].keys(), f"{name}: {REWRITE}"
         required = {field for field, has in fields.items() if has.is_required()}
@@ -77,6 +82,8 @@ def test_an_answer_with_all_fields_of_another_is_one_of_it():
     assert issubclass(answers.CurrentCompensationAnswer, answers.CompensationAnswer)
     assert issubclass(answers.StepDiagonalAnswer, answers.MeasurementAnswer)
     assert issubclass(answers.AccuracyAnswer, answers.AnswerHead)
+    assert issubclass(answers.ChangedModelAnswer, (answers.ModelAnswer, answers.ModelChange))
+    assert issubclass(answers.ErrorMapAnswer, (answers.ModelChange, Components))
 
 
 # -- its own distribution ------------------------------------------------------------------

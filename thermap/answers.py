@@ -33,43 +33,6 @@ class AccessKey(Shape):
     """When it was used last, to the minute; null before its first use"""
 
 
-class AlternativeAnswer(Shape):
-    """Another explanation of the same residuals."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
-
-    evidence: float
-    """Its evidence against no effect, 2 ln of the Bayes factor"""
-
-    behind: float
-    """How much weaker that is than the effect's own evidence"""
-
-    alias_share: float
-    """Share of the effect that it can imitate"""
-
-    tied: bool
-    """Whether these observations cannot tell the two apart"""
-
-    with_offset: bool
-    """Whether it comes this close only with a constant added to it"""
-
-    separating_measurement: str | None
-    """What would tell them apart"""
-
-
 class AnalysisHead(Shape):
     """An analysis as a job, without its result."""
 
@@ -998,36 +961,6 @@ class HealthAnswer(Shape):
     """Version of thermap"""
 
 
-class HelpedAnswer(Shape):
-    """What an added visit does for one effect."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
-
-    unit: str
-    """Unit of its numbers"""
-
-    before_rms: float
-    """Smallest size that is seen without the added visit [µm; angular components µrad, squareness
-    µm/m]
-    """
-
-    after_rms: float
-    """Smallest size that is seen with it [µm; angular components µrad, squareness µm/m]"""
-
-
 class JudgedVerification(Shape):
     """One verification of the sequence."""
 
@@ -1482,31 +1415,6 @@ class PlannedPlaceAnswer(Shape):
 
     direction: dict[str, Literal["+", "-"]] | None
     """Direction of approach of each axis"""
-
-
-class PlannedRivalAnswer(Shape):
-    """The effect that imitates another one best."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
-
-    overlap: float
-    """Share of the effect that it can reproduce"""
-
-    separating_measurement: str | None
-    """What would tell them apart"""
 
 
 class PlannedVerification(Shape):
@@ -2265,94 +2173,6 @@ class ValidAnswer(Shape):
     """
 
 
-class VerificationAnswer(Shape):
-    """A stored verification without its observations."""
-
-    label: str
-    """The verification's name on its machine"""
-
-    datum: Literal["absolute", "first", "free"]
-    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
-    `free`: an unknown constant per component
-    """
-
-    repeatability_um: float | None
-    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
-    nothing
-    """
-
-    instrument: str | None
-    """What measured, for the certificate"""
-
-    operator: str | None
-    """Who measured, for the certificate"""
-
-    first_at: AwareDatetime
-    """Time of its first observation, UTC"""
-
-    last_at: AwareDatetime
-    """Time of its last observation, UTC"""
-
-    count: int
-    """How many observations it has"""
-
-    components: list[str]
-    """What was observed: component codes, and `points`"""
-
-    id: int
-    """The verification's number"""
-
-    stored_at: AwareDatetime
-    """When it was stored, UTC"""
-
-    judgement: JudgementAnswer | None
-    """What it said of the active model when it came, or once its readings had"""
-
-
-class VerificationPreview(Shape):
-    """What was read as a verification; nothing is stored."""
-
-    label: str
-    """The verification's name on its machine"""
-
-    datum: Literal["absolute", "first", "free"]
-    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
-    `free`: an unknown constant per component
-    """
-
-    repeatability_um: float | None
-    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
-    nothing
-    """
-
-    instrument: str | None
-    """What measured, for the certificate"""
-
-    operator: str | None
-    """Who measured, for the certificate"""
-
-    first_at: AwareDatetime
-    """Time of its first observation, UTC"""
-
-    last_at: AwareDatetime
-    """Time of its last observation, UTC"""
-
-    count: int
-    """How many observations it has"""
-
-    components: list[str]
-    """What was observed: component codes, and `points`"""
-
-    preview: Literal[True]
-    """That nothing is stored"""
-
-    warnings: list[str]
-    """What of it was not read, or may be a mistake"""
-
-    read: list[str]
-    """What was read of the file, in lines of text"""
-
-
 class VisitMeans(Shape):
     """Means by visit of one component: arrays of equal length."""
 
@@ -2542,6 +2362,85 @@ class AnswerHead(Shape):
     """Components that no two maps have and that count as zero"""
 
 
+class VerificationExtent(Shape):
+    """What a verification says beside its observations, and how far these go."""
+
+    label: str
+    """The verification's name on its machine"""
+
+    datum: Literal["absolute", "first", "free"]
+    """`absolute`; `first`: the instrument was zeroed at the first observation of each component;
+    `free`: an unknown constant per component
+    """
+
+    repeatability_um: float | None
+    """Standard deviation of one length [µm], where it is known; of angles and squareness it says
+    nothing
+    """
+
+    instrument: str | None
+    """What measured, for the certificate"""
+
+    operator: str | None
+    """Who measured, for the certificate"""
+
+    first_at: AwareDatetime
+    """Time of its first observation, UTC"""
+
+    last_at: AwareDatetime
+    """Time of its last observation, UTC"""
+
+    count: int
+    """How many observations it has"""
+
+    components: list[str]
+    """What was observed: component codes, and `points`"""
+
+
+class AnsweredClaim(Shape):
+    """What names an effect in answers."""
+
+    kind: str
+    """Kind of effect"""
+
+    variant: str
+    """Which form of the kind; empty where it has one only"""
+
+    components: list[str]
+    """On which components"""
+
+    sensors: list[str]
+    """Driven by which sensors"""
+
+    states: list[str]
+    """Driven by which states"""
+
+
+class ControllerHead(Shape):
+    """What an answer about a controller's files rests on."""
+
+    machine: str
+    """The machine's id"""
+
+    model_version: int
+    """Version of the model"""
+
+    computed_at: AwareDatetime
+    """When it was computed, UTC"""
+
+    temperatures_c: dict[str, float]
+    """Temperatures that were used [°C]"""
+
+    controller: str
+    """Format"""
+
+    complete: bool
+    """Whether the compensation table is complete"""
+
+    warnings: list[str]
+    """All that is to be known, in sentences"""
+
+
 class AccuracyAnswer(AnswerHead):
     """Every definition of volumetric accuracy (C. Wang, 8.112–8.133, Table 8.2)."""
 
@@ -2617,6 +2516,28 @@ class AdoptedEffectAnswer(Shape):
     """Until when one that grows with time may be used, and what to measure then"""
 
 
+class AlternativeAnswer(AnsweredClaim):
+    """Another explanation of the same residuals."""
+
+    evidence: float
+    """Its evidence against no effect, 2 ln of the Bayes factor"""
+
+    behind: float
+    """How much weaker that is than the effect's own evidence"""
+
+    alias_share: float
+    """Share of the effect that it can imitate"""
+
+    tied: bool
+    """Whether these observations cannot tell the two apart"""
+
+    with_offset: bool
+    """Whether it comes this close only with a constant added to it"""
+
+    separating_measurement: str | None
+    """What would tell them apart"""
+
+
 class BandAnswer(Shape):
     """One band of temperatures."""
 
@@ -2667,29 +2588,8 @@ class ChangeThenAnswer(ComponentChangeAnswer):
     """The temperatures then [°C]"""
 
 
-class CompareAnswer(Shape):
+class CompareAnswer(ControllerHead):
     """What a controller holds against what it should hold."""
-
-    machine: str
-    """The machine's id"""
-
-    model_version: int
-    """Version of the model"""
-
-    computed_at: AwareDatetime
-    """When it was computed, UTC"""
-
-    temperatures_c: dict[str, float]
-    """Temperatures that were used [°C]"""
-
-    controller: str
-    """Format"""
-
-    complete: bool
-    """Whether the compensation table is complete"""
-
-    warnings: list[str]
-    """All that is to be known, in sentences"""
 
     components: list[ComparedComponentAnswer]
     """The largest difference first"""
@@ -2968,29 +2868,8 @@ class EffectInTableAnswer(Shape):
     """
 
 
-class ExportAnswer(Shape):
+class ExportAnswer(ControllerHead):
     """A controller's files, and everything that is to be said of them."""
-
-    machine: str
-    """The machine's id"""
-
-    model_version: int
-    """Version of the model"""
-
-    computed_at: AwareDatetime
-    """When it was computed, UTC"""
-
-    temperatures_c: dict[str, float]
-    """Temperatures that were used [°C]"""
-
-    controller: str
-    """Format"""
-
-    complete: bool
-    """Whether the compensation table is complete"""
-
-    warnings: list[str]
-    """All that is to be known, in sentences"""
 
     sign: Literal["error", "compensation"]
     """What the values in the files are"""
@@ -3131,6 +3010,21 @@ class GridAnswer(AnswerHead):
 
     largest_um: float
     """Length that this difference exceeds nowhere in the grid [µm]"""
+
+
+class HelpedAnswer(AnsweredClaim):
+    """What an added visit does for one effect."""
+
+    unit: str
+    """Unit of its numbers"""
+
+    before_rms: float
+    """Smallest size that is seen without the added visit [µm; angular components µrad, squareness
+    µm/m]
+    """
+
+    after_rms: float
+    """Smallest size that is seen with it [µm; angular components µrad, squareness µm/m]"""
 
 
 class History(Shape):
@@ -3491,43 +3385,14 @@ class ParseAnswer(Shape):
     """All that is to be known, in sentences"""
 
 
-class PlannedEffectAnswer(Shape):
-    """
-    The smallest effect of one kind that the plan would find nine times in ten.
+class PlannedRivalAnswer(AnsweredClaim):
+    """The effect that imitates another one best."""
 
-    A time constant, pitch or time of change is taken from the middle of those that are searched.
-    """
+    overlap: float
+    """Share of the effect that it can reproduce"""
 
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
-
-    unit: str
-    """Unit of its numbers"""
-
-    smallest_rms: float
-    """Its root mean square over the values on which it acts [µm; angular components µrad,
-    squareness µm/m]
-    """
-
-    distinguishable_rms: float | None
-    """The size from which it can be told from its closest rival; null where nothing in this plan
-    tells them apart [µm; angular components µrad, squareness µm/m]
-    """
-
-    rival: PlannedRivalAnswer | None
-    """Its closest rival of another kind"""
+    separating_measurement: str | None
+    """What would tell them apart"""
 
 
 class Plots(Shape):
@@ -3708,13 +3573,6 @@ class SimulatedStepDiagonal(AnswerHead):
     """Diagonal to a row for each step: after x, after y, after z [µm]"""
 
 
-class StoredVerificationAnswer(VerificationAnswer):
-    """A verification that was stored just now, or was there already."""
-
-    warnings: list[str]
-    """What may be a mistake in it, and what the active model cannot be compared with, and why"""
-
-
 class SuggestionAnswer(Shape):
     """A visit to add."""
 
@@ -3723,6 +3581,32 @@ class SuggestionAnswer(Shape):
 
     helped: list[HelpedAnswer]
     """The effects whose smallest visible size falls most"""
+
+
+class VerificationAnswer(VerificationExtent):
+    """A stored verification without its observations."""
+
+    id: int
+    """The verification's number"""
+
+    stored_at: AwareDatetime
+    """When it was stored, UTC"""
+
+    judgement: JudgementAnswer | None
+    """What it said of the active model when it came, or once its readings had"""
+
+
+class VerificationPreview(VerificationExtent):
+    """What was read as a verification; nothing is stored."""
+
+    preview: Literal[True]
+    """That nothing is stored"""
+
+    warnings: list[str]
+    """What of it was not read, or may be a mistake"""
+
+    read: list[str]
+    """What was read of the file, in lines of text"""
 
 
 class VolumetricErrorAnswer(AnswerHead):
@@ -3753,8 +3637,15 @@ class WaitedBeforeAnswer(Shape):
     """Which of the version's `loses` are its doing; the others are new"""
 
 
-class WaitingAssignmentAnswer(Shape):
-    """An assignment whose version waits, because its tables would lose something."""
+class WholeVerificationAnswer(VerificationAnswer):
+    """A stored verification with its observations, in the order in which they came."""
+
+    observations: list[MeasuredObservation]
+    """What was measured"""
+
+
+class ModelChange(Shape):
+    """Which version was made, and whether tables are computed with it."""
 
     model_version: int | None = None
     """The version that was made"""
@@ -3778,16 +3669,6 @@ class WaitingAssignmentAnswer(Shape):
 
     stays_active: int | None = None
     """The version that stays active while this one waits; null where it is"""
-
-    assignment: dict[str, str]
-    """Component to sensor, in the waiting version"""
-
-
-class WholeVerificationAnswer(VerificationAnswer):
-    """A stored verification with its observations, in the order in which they came."""
-
-    observations: list[MeasuredObservation]
-    """What was measured"""
 
 
 class AnalysisResult(Shape):
@@ -3884,31 +3765,8 @@ class AnalysisResult(Shape):
     """
 
 
-class ChangedModelAnswer(ModelAnswer):
+class ChangedModelAnswer(ModelAnswer, ModelChange):
     """A version that was made or activated, and what its tables lose and gain by it."""
-
-    model_version: int | None = None
-    """The version that was made"""
-
-    activated: bool | None = None
-    """Whether it is active; a version that loses something waits until somebody activates it, and
-    the next ones are made of it
-    """
-
-    loses: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables lack against those of the version active before"""
-
-    gains: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables have beyond those"""
-
-    next_step: str | None = None
-    """How to activate it all the same; null where it is active"""
-
-    waited_before: WaitedBeforeAnswer | None = None
-    """What waited already; null where nothing did"""
-
-    stays_active: int | None = None
-    """The version that stays active while this one waits; null where it is"""
 
 
 class CompensationAnswer(CompensationTable):
@@ -3971,31 +3829,8 @@ class CurrentCompensationAnswer(CompensationAnswer):
     """Every sensor's state"""
 
 
-class ErrorMapAnswer(Components):
+class ErrorMapAnswer(ModelChange, Components):
     """A stored error map."""
-
-    model_version: int | None = None
-    """The version that was made"""
-
-    activated: bool | None = None
-    """Whether it is active; a version that loses something waits until somebody activates it, and
-    the next ones are made of it
-    """
-
-    loses: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables lack against those of the version active before"""
-
-    gains: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables have beyond those"""
-
-    next_step: str | None = None
-    """How to activate it all the same; null where it is active"""
-
-    waited_before: WaitedBeforeAnswer | None = None
-    """What waited already; null where nothing did"""
-
-    stays_active: int | None = None
-    """The version that stays active while this one waits; null where it is"""
 
     label: str
     """The map's name on its machine"""
@@ -4051,35 +3886,28 @@ class FleetJudgement(Shape):
     """Number of trials; the thresholds rise with it"""
 
 
-class PlanAnswer(Shape):
-    """What a plan of measurements could see and tell apart, and which visit to add."""
+class PlannedEffectAnswer(AnsweredClaim):
+    """
+    The smallest effect of one kind that the plan would find nine times in ten.
 
-    model_version: int
-    """Version that would be analysed"""
+    A time constant, pitch or time of change is taken from the middle of those that are searched.
+    """
 
-    summary: str
-    """The answer in plain sentences"""
+    unit: str
+    """Unit of its numbers"""
 
-    visits: int
-    """Planned visits"""
+    smallest_rms: float
+    """Its root mean square over the values on which it acts [µm; angular components µrad,
+    squareness µm/m]
+    """
 
-    values: int
-    """Planned values"""
+    distinguishable_rms: float | None
+    """The size from which it can be told from its closest rival; null where nothing in this plan
+    tells them apart [µm; angular components µrad, squareness µm/m]
+    """
 
-    notes: list[str]
-    """Assumptions that were made"""
-
-    effects: list[PlannedEffectAnswer]
-    """The hardest to tell apart first"""
-
-    not_testable: list[NotTestedAnswer]
-    """Effects that the plan could not show, with the reasons"""
-
-    excluded: list[ExcludedAnswer]
-    """Values that cannot be compared with the model"""
-
-    suggestions: list[SuggestionAnswer]
-    """Visits to add, most useful first"""
+    rival: PlannedRivalAnswer | None
+    """Its closest rival of another kind"""
 
 
 class PreviewAnswer(Shape):
@@ -4127,6 +3955,20 @@ class PreviewAnswer(Shape):
 
     warnings: list[str] = []
     """What is unusual about what would be stored, such as numbers that may be in another unit"""
+
+
+class StoredVerificationAnswer(VerificationAnswer):
+    """A verification that was stored just now, or was there already."""
+
+    warnings: list[str]
+    """What may be a mistake in it, and what the active model cannot be compared with, and why"""
+
+
+class WaitingAssignmentAnswer(ModelChange):
+    """An assignment whose version waits, because its tables would lose something."""
+
+    assignment: dict[str, str]
+    """Component to sensor, in the waiting version"""
 
 
 class AnalysisAnswer(AnalysisHead):
@@ -4177,31 +4019,8 @@ class MapPreview(PreviewAnswer):
     """What was read of the file, in lines of text"""
 
 
-class MeasurementAnswer(Components):
+class MeasurementAnswer(ModelChange, Components):
     """What a measurement yields."""
-
-    model_version: int | None = None
-    """The version that was made"""
-
-    activated: bool | None = None
-    """Whether it is active; a version that loses something waits until somebody activates it, and
-    the next ones are made of it
-    """
-
-    loses: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables lack against those of the version active before"""
-
-    gains: list[CoverageAnswer] = Field([], validate_default=True)
-    """What its tables have beyond those"""
-
-    next_step: str | None = None
-    """How to activate it all the same; null where it is active"""
-
-    waited_before: WaitedBeforeAnswer | None = None
-    """What waited already; null where nothing did"""
-
-    stays_active: int | None = None
-    """The version that stays active while this one waits; null where it is"""
 
     machine: str
     """The machine's id"""
@@ -4240,6 +4059,37 @@ class MeasurementAnswer(Components):
 
     preview: PreviewAnswer | None = None
     """What storing it would do to the tables, where a preview was asked for"""
+
+
+class PlanAnswer(Shape):
+    """What a plan of measurements could see and tell apart, and which visit to add."""
+
+    model_version: int
+    """Version that would be analysed"""
+
+    summary: str
+    """The answer in plain sentences"""
+
+    visits: int
+    """Planned visits"""
+
+    values: int
+    """Planned values"""
+
+    notes: list[str]
+    """Assumptions that were made"""
+
+    effects: list[PlannedEffectAnswer]
+    """The hardest to tell apart first"""
+
+    not_testable: list[NotTestedAnswer]
+    """Effects that the plan could not show, with the reasons"""
+
+    excluded: list[ExcludedAnswer]
+    """Values that cannot be compared with the model"""
+
+    suggestions: list[SuggestionAnswer]
+    """Visits to add, most useful first"""
 
 
 class PositioningAnswer(MeasurementAnswer):

@@ -222,7 +222,7 @@ def test_receiver(name: str) -> Call[Receiver]:
 
 
 def events(
-    machine: str,
+    machine: str | None = None,
     *,
     since: datetime | str | None = None,
     until: datetime | str | None = None,
@@ -230,7 +230,7 @@ def events(
     before: str | None = None,
     limit: int | None = None,
 ) -> Call[Events]:
-    """List what happened to a machine, the newest first.
+    """List what happened to a machine, or to all machines and to keys, the newest first.
 
     Parameters
     ----------
@@ -239,32 +239,10 @@ def events(
     before
         `next` of the answer before, for those that come after it in the list.
     """
-    query = _events_query(since, until, kinds, before, limit)
-    return Call("GET", of_machine(machine, "events"), reader_of(Events), query=query)
-
-
-def all_events(
-    *,
-    since: datetime | str | None = None,
-    until: datetime | str | None = None,
-    kinds: Sequence[str] = (),
-    before: str | None = None,
-    limit: int | None = None,
-) -> Call[Events]:
-    """List what happened to all machines, and to keys; parameters as for `events`."""
-    query = _events_query(since, until, kinds, before, limit)
-    return Call("GET", "/v1/events", reader_of(Events), query=query)
-
-
-def _events_query(
-    since: datetime | str | None,
-    until: datetime | str | None,
-    kinds: Sequence[str],
-    before: str | None,
-    limit: int | None,
-) -> dict[str, Any]:
+    path = "/v1/events" if machine is None else of_machine(machine, "events")
     kind = list(kinds) or None
-    return {"from": since, "to": until, "kind": kind, "before": before, "limit": limit}
+    query = {"from": since, "to": until, "kind": kind, "before": before, "limit": limit}
+    return Call("GET", path, reader_of(Events), query=query)
 
 
 def needed_components(

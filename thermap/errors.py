@@ -115,19 +115,10 @@ _BY_STATUS: Final[Mapping[int, type[ThermapClientError]]] = {
     413: TooLargeError,
     422: InvalidContentError,
     429: TooManyRequestsError,
-    503: ServiceUnavailableError,
-    507: ServiceUnavailableError,
+    **dict.fromkeys((502, 503, 504, 507), ServiceUnavailableError),
 }
-_ALSO_FROM_PROXIES: Final[Mapping[int, type[ThermapClientError]]] = {
-    401: NotAllowedError,
-    403: NotAllowedError,
-    413: TooLargeError,
-    429: TooManyRequestsError,
-    502: ServiceUnavailableError,
-    503: ServiceUnavailableError,
-    504: ServiceUnavailableError,
-}
-"""What means the same from whatever stands between client and service."""
+_OF_THE_SERVICE_ALONE: Final = frozenset({404, 409, 422, 507})
+"""What means this from the service alone, and not from what stands between client and service."""
 
 
 def error_of(response: httpx.Response) -> ThermapClientError:
@@ -153,7 +144,9 @@ def error_of(response: httpx.Response) -> ThermapClientError:
             if isinstance(e, dict)
         ]
         return kind(str(problem["detail"]), status, errors)
-    kind = _ALSO_FROM_PROXIES.get(status, UnexpectedAnswerError)
+    kind = _BY_STATUS.get(status, UnexpectedAnswerError)
+    if status in _OF_THE_SERVICE_ALONE:
+        kind = UnexpectedAnswerError
     return kind(
         f"{response.url} answered {status} {response.reason_phrase}{_target(response)}, "
         "and not as a thermap does",

@@ -10,19 +10,17 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.console import console
+from app.cli.answers import listing, show_view
+from app.cli.asking import ThermapClient, asks
 from app.cli.options import (
+    NO_OFFSET,
     MachineArgument,
     MissingOption,
     TemperatureOption,
     ToolOption,
-    UrlOption,
-    connect,
     field_question,
-    in_options,
 )
-from app.cli.terminal import write_document
-from thermap import DEFAULT_URL
+from app.cli.terminal import write_json
 from thermap.answers import AccuracyAnswer, LevelsAnswer
 
 _LEVELS = {
@@ -34,16 +32,17 @@ _LEVELS = {
 }
 
 
+@asks
 def accuracy(
+    thermap: ThermapClient,
     machine: MachineArgument,
     temperature: TemperatureOption = None,
-    tool: ToolOption = "0,0,0",
+    tool: ToolOption = NO_OFFSET,
     missing_as_zero: MissingOption = False,
     json: Annotated[
         bool,
         typer.Option("--json", help="The service's JSON, both answers."),
     ] = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Show volumetric accuracy by every definition, and what controllers would leave of it.
 
@@ -52,17 +51,16 @@ def accuracy(
     Example: `thermap accuracy mcfv5050 --tool 0,0,160 -t x-middle=24.1 -t z-column=27.3`
     """
     question = field_question(temperature, tool, missing_as_zero)
-    with connect(url) as thermap, in_options():
-        answer = thermap.volumetric_accuracy(machine, question)
-        levels = thermap.compensation_levels(machine, question)
+    answer = thermap.volumetric_accuracy(machine, question)
+    levels = thermap.compensation_levels(machine, question)
     if json:
         both = {
             "accuracy": answer.model_dump(mode="json"),
             "levels": levels.model_dump(mode="json"),
         }
-        write_document(orjson.dumps(both).decode() + "\n")
+        write_json(orjson.dumps(both))
         return
-    console().print(accuracy_view(answer, levels))
+    show_view(accuracy_view(answer, levels))
 
 
 def accuracy_view(answer: AccuracyAnswer, levels: LevelsAnswer) -> RenderableType:
@@ -79,9 +77,7 @@ def accuracy_view(answer: AccuracyAnswer, levels: LevelsAnswer) -> RenderableTyp
 
 
 def _definitions(answer: AccuracyAnswer) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("volumetric accuracy", "", "of"):
-        table.add_column(heading, justify="right" if not heading else "left")
+    table = listing("volumetric accuracy", "", "of", right="lrl")
     rows = [
         (
             "definition 1",
@@ -108,10 +104,7 @@ def _definitions(answer: AccuracyAnswer) -> Table:
 
 
 def _levels(levels: LevelsAnswer) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("the controller compensates")
-    for heading in ("mean", "RMS", "largest left [µm]"):
-        table.add_column(heading, justify="right")
+    table = listing("the controller compensates", "mean", "RMS", "largest left [µm]", right="lrrr")
     for level in levels.levels:
         mean, rms, largest = (f"{um:.2f}" for um in (level.mean_um, level.rms_um, level.max_um))
         sampled = " (sampled)" if level.within_um is None else ""

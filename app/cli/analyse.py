@@ -10,36 +10,30 @@ from typing import Annotated, Final
 
 import typer
 from pydantic import TypeAdapter
-from rich.console import RenderableType
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import TaskProgressColumn, TimeElapsedColumn
 
 from app.cli.analyse_view import analysis_view, plan_view
+from app.cli.answers import show_view
+from app.cli.asking import ThermapClient, asks
 from app.cli.check_files import look_at_checks, look_at_visits, store_checks
-from app.cli.console import console
+from app.cli.console import console, progress_bar
 from app.cli.fleet import cancel_every_analysis, judge_every_machine
 from app.cli.models import preview_lines, waiting_lines
 from app.cli.options import (
     ReportOption,
-    UrlOption,
     VisitsOption,
     chosen_verifications,
-    connect,
-    expect_page,
+    refuse_if,
     write_file,
 )
-from app.cli.terminal import echo, write_document
+from app.cli.terminal import echo, write_json
 from app.errors import ThermapError, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.plan.plan import Plan
 from app.identification.plan.visit import NextVisit
 from app.pages.report_parts.words import sentence
 from app.storage.analysis_results import AnalysisWithResult
-from thermap import (
-    DEFAULT_URL,
-    ThermapClient,
-    ThermapClientError,
-    loop_calls,
-)
+from thermap import ThermapClientError, loop_calls
 from thermap.answers import VerificationPreview
 
 _PLAN: Final = TypeAdapter(Plan)
@@ -53,7 +47,9 @@ class _Interrupted(Exception):
     """Ctrl-C was pressed while the analysis was waited for."""
 
 
+@asks
 def analyse(
+    thermap: ThermapClient,
     machine: Annotated[
         str,
         typer.Argument(
@@ -128,57 +124,78 @@ def analyse(
     output: ReportOption = None,
     visits: VisitsOption = None,
     json: Annotated[bool, typer.Option("--json", help="Write the service's JSON.")] = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Find what the model lacks: compare it with measured data, and write a report.
 
     Example: `thermap analyse mcfv5050 --verification night-shift.csv -o report.html`
     """
-    _check_usage(output, visits, plan=plan, adopt=adopt)
-    _check_fleet(machine, verification, visits, is_fleet=fleet, changes=plan or adopt)
-    _check_cancel(output, cancels=cancel, is_fleet=fleet, json=json)
+    refuse_if(
+        plan and (adopt or output is not None or visits is not None),
+        "a plan has no report, no visits and nothing to adopt: leave out --adopt, --output and "
+        "--visits",
+        "--plan",
+    )
+    refuse_if(
+        not fleet and not machine,
+        "expected a machine's id, or --fleet for all of them, got none",
+        "MACHINE",
+    )
+    refuse_if(
+        fleet and (machine or verification or visits is not None or plan or adopt),
+        "a fleet is judged by what is stored, and nothing is adopted: leave out MACHINE (and "
+        "THERMAP_MACHINE), --verification, --visits, --plan and --adopt",
+        "--fleet",
+    )
+    refuse_if(
+        cancel and not fleet,
+        "expected --fleet with it, got none; `thermap analyses cancel NUMBER --machine "
+        "MACHINE` cancels one machine's analysis",
+        "--cancel",
+    )
+    refuse_if(
+        cancel and (json or output is not None),
+        "there is no answer to show: leave out --json and --output",
+        "--cancel",
+    )
     if cancel:
-        with connect(url) as thermap:
-            cancel_every_analysis(thermap, effects=effects, holdout=holdout)
+        cancel_every_analysis(thermap, effects=effects, holdout=holdout)
         return
     if fleet:
-        with connect(url) as thermap:
-            judge_every_machine(thermap, effects=effects, holdout=holdout, output=output, json=json)
+        judge_every_machine(thermap, effects=effects, holdout=holdout, output=output, json=json)
         return
-    with connect(url) as thermap:
-        # An unknown machine is told before anything is stored.
-        thermap.machine(machine)
-        if plan:
-            _show_plan(thermap, machine, verification or [], json=json)
-            return
-        stored: list[int] = []
-        read = look_at_checks(thermap, machine, verification or [])
-        _expect_comparable(thermap, machine, [check for _, check in read])
-        with _naming_what_is_stored(machine, stored):
-            store_checks(thermap, read, stored)
-            ids = stored or chosen_verifications(thermap, machine, None)
-            question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
-            with _CtrlC() as ctrl_c:
-                # Noted from here on: pressed before the answer comes, nobody would know which to
-                # cancel.
-                job = thermap.analyse(machine, question)
-                _follow(thermap, machine, job.id, ctrl_c)
-        content = thermap.content(loop_calls.analysis(machine, job.id))
-        result = _result(content)
-        if not json:
-            _show(analysis_view(result))
-        try:
-            if adopt:
-                _adopt(thermap, machine, job.id, result)
-                content = thermap.content(loop_calls.analysis(machine, job.id))
-        finally:
-            if json:
-                _show(content)
-        if output is not None:
-            write_file(output, thermap.analysis_report(machine, job.id))
-            echo(f"{output}: the report of analysis {job.id}", err=True)
-        if visits is not None:
-            write_visits(thermap, visits, machine, job.id, result.next_visits)
+    # An unknown machine is told before anything is stored.
+    thermap.machine(machine)
+    if plan:
+        _show_plan(thermap, machine, verification or [], json=json)
+        return
+    stored: list[int] = []
+    read = look_at_checks(thermap, machine, verification or [])
+    _expect_comparable(thermap, machine, [check for _, check in read])
+    with _naming_what_is_stored(machine, stored):
+        store_checks(thermap, read, stored)
+        ids = stored or chosen_verifications(thermap, machine, None)
+        question = {"verifications": ids, "holdout_fraction": holdout, "effects": effects}
+        with _CtrlC() as ctrl_c:
+            # Noted from here on: pressed before the answer comes, nobody would know which to
+            # cancel.
+            job = thermap.analyse(machine, question)
+            _follow(thermap, machine, job.id, ctrl_c)
+    content = thermap.content(loop_calls.analysis(machine, job.id))
+    result = _result(content)
+    if not json:
+        show_view(analysis_view(result))
+    try:
+        if adopt:
+            _adopt(thermap, machine, job.id, result)
+            content = thermap.content(loop_calls.analysis(machine, job.id))
+    finally:
+        if json:
+            write_json(content)
+    if output is not None:
+        write_file(output, thermap.analysis_report(machine, job.id))
+        echo(f"{output}: the report of analysis {job.id}", err=True)
+    if visits is not None:
+        write_visits(thermap, visits, machine, job.id, result.next_visits)
 
 
 def _result(content: bytes) -> Analysis:
@@ -204,61 +221,6 @@ def _naming_what_is_stored(machine: str, stored: Sequence[int]) -> Iterator[None
         raise
 
 
-def _check_usage(output: Path | None, visits: Path | None, *, plan: bool, adopt: bool) -> None:
-    """Refuse before the work what would be refused after it."""
-    if output is not None:
-        expect_page(output)
-    if plan and (adopt or output is not None or visits is not None):
-        raise typer.BadParameter(
-            "a plan has no report, no visits and nothing to adopt: leave out --adopt, "
-            "--output and --visits",
-            param_hint="--plan",
-        )
-
-
-def _check_fleet(
-    machine: str,
-    verification: Sequence[Path] | None,
-    visits: Path | None,
-    *,
-    is_fleet: bool,
-    changes: bool,
-) -> None:
-    """Refuse a fleet with what is one machine's, and a machine that nobody named."""
-    if not is_fleet and not machine:
-        raise typer.BadParameter(
-            "expected a machine's id, or --fleet for all of them, got none", param_hint="MACHINE"
-        )
-    if is_fleet and (machine or verification or visits is not None or changes):
-        raise typer.BadParameter(
-            "a fleet is judged by what is stored, and nothing is adopted: leave out MACHINE (and "
-            "THERMAP_MACHINE), --verification, --visits, --plan and --adopt",
-            param_hint="--fleet",
-        )
-
-
-def _check_cancel(output: Path | None, *, cancels: bool, is_fleet: bool, json: bool) -> None:
-    """Refuse to cancel without a fleet, and to show what is not there then."""
-    if cancels and not is_fleet:
-        raise typer.BadParameter(
-            "expected --fleet with it, got none; `thermap analyses cancel NUMBER --machine "
-            "MACHINE` cancels one machine's analysis",
-            param_hint="--cancel",
-        )
-    if cancels and (json or output is not None):
-        raise typer.BadParameter(
-            "there is no answer to show: leave out --json and --output", param_hint="--cancel"
-        )
-
-
-def _show(content: bytes | RenderableType) -> None:
-    """Write JSON, or a view."""
-    if isinstance(content, bytes):
-        write_document(content.decode() + "\n")
-    else:
-        console().print(content)
-
-
 def _show_plan(thermap: ThermapClient, machine: str, files: Sequence[Path], *, json: bool) -> None:
     """Ask what the files' observations, or those that are stored, could see."""
     visits = [visit.planned for visit in look_at_visits(thermap, machine, files)]
@@ -270,7 +232,10 @@ def _show_plan(thermap: ThermapClient, machine: str, files: Sequence[Path], *, j
     call = loop_calls.plan_analysis(machine, question)
     with console(stderr=True).status("planning"):
         content = thermap.content(call)
-    _show(content if json else plan_view(_PLAN.validate_json(content)))
+    if json:
+        write_json(content)
+    else:
+        show_view(plan_view(_PLAN.validate_json(content)))
 
 
 def _expect_comparable(
@@ -292,10 +257,7 @@ def _expect_comparable(
 
 def _follow(thermap: ThermapClient, machine: str, analysis_id: int, ctrl_c: _CtrlC) -> None:
     """Show how far it is until it is done; Ctrl-C cancels it."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
-    terminal = console(stderr=True)
-    hidden = not terminal.is_terminal
-    with Progress(*columns, TimeElapsedColumn(), console=terminal, disable=hidden) as progress:
+    with progress_bar(TaskProgressColumn(), TimeElapsedColumn()) as progress:
         task = progress.add_task("waiting", total=1.0)
 
         def show(share: float, words: str) -> None:

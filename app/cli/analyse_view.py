@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.answers import listing
 from app.errors import counted
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.figures import ComponentFigures
@@ -89,12 +90,9 @@ def _about_figures(result: Analysis) -> Iterator[Text]:
 
 
 def _components(result: Analysis) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    table.add_column("RMS of residuals", no_wrap=True)
-    for heading in ("before", "after", "floor"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit", no_wrap=True)
-    table.add_column("values", justify="right")
+    table = listing(
+        *("RMS of residuals", "before", "after", "floor", "unit", "values"), right="LrrrLr"
+    )
     components = sorted(result.components, key=_is_unchanged)
     for component in components[:COMPONENTS_SHOWN]:
         decimals = decimals_for(component.noise)
@@ -220,11 +218,8 @@ def _factor(effect: PlannedEffect) -> float:
 
 def _smallest_seen(seen: Sequence[PlannedEffect]) -> Table:
     units = units_of(seen)
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    table.add_column("smallest seen (RMS)", no_wrap=True)
-    for unit in units:
-        table.add_column(unit, justify="right", no_wrap=True)
-    table.add_column("size to tell it from its rival")
+    headings = ("smallest seen (RMS)", *units, "size to tell it from its rival")
+    table = listing(*headings, right=f"L{'R' * len(units)}l")
     for kind in dict.fromkeys(effect.kind for effect in seen):
         effects = [effect for effect in seen if effect.kind == kind]
         ranges = [size_range(effects, unit, DECIMALS) for unit in units]

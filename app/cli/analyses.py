@@ -9,23 +9,18 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show_of_machine, show_view, when
+from app.cli.answers import facts, listing, or_nothing, show_view, when
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, loop_calls
 from app.cli.options import (
     JsonOption,
-    MachineOption,
     ReportOption,
-    UrlOption,
     YesOption,
-    chosen_machine,
     command_group,
     confirm,
-    connect,
-    expect_page,
     write_file,
 )
-from app.cli.terminal import echo, write_document
+from app.cli.terminal import echo, write_json
 from app.errors import list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from app.storage.analysis_results import AnalysisWithResult
@@ -36,31 +31,24 @@ analyses = command_group()
 NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The analysis' number.")]
 
 
-@analyses.callback()
-def _describe() -> None:
-    """List, show, cancel and delete analyses."""
-
-
 @analyses.command("list")
-def list_analyses(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def list_analyses(machine: ChosenMachine) -> Shown:
     """List a machine's analyses, oldest first.
 
     Example: `thermap analyses list --machine vmc`
     """
-    from thermap import loop_calls
-
-    show_of_machine(url, machine, loop_calls.analyses, analyses_view, json=json)
+    return Shown(loop_calls.analyses(machine), analyses_view)
 
 
 @analyses.command("show")
+@asks
 def show_analysis(
+    thermap: ThermapClient,
     number: NumberArgument,
-    machine: MachineOption = None,
+    machine: ChosenMachine,
     output: ReportOption = None,
     json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Show how far an analysis is and, once it is done, what it found.
 
@@ -69,65 +57,47 @@ def show_analysis(
     from pydantic import TypeAdapter
 
     from app.storage.analysis_results import AnalysisWithResult
-    from thermap import loop_calls
 
+    content = thermap.content(loop_calls.analysis(machine, number))
+    if json:
+        write_json(content)
+    else:
+        # As the pages read it too: views are of the service's own classes.
+        show_view(analysis_view(TypeAdapter(AnalysisWithResult).validate_json(content)))
     if output is not None:
-        expect_page(output)
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        content = thermap.content(loop_calls.analysis(chosen, number))
-        if json:
-            write_document(content.decode() + "\n")
-        else:
-            # As the pages read it too: views are of the service's own classes.
-            show_view(analysis_view(TypeAdapter(AnalysisWithResult).validate_json(content)))
-        if output is not None:
-            write_file(output, thermap.analysis_report(chosen, number))
-            echo(f"{output}: the report of analysis {number}", err=True)
+        write_file(output, thermap.analysis_report(machine, number))
+        echo(f"{output}: the report of analysis {number}", err=True)
 
 
 @analyses.command("cancel")
-def cancel_analysis(
-    number: NumberArgument,
-    machine: MachineOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+@asks
+def cancel_analysis(number: NumberArgument, machine: ChosenMachine) -> Shown:
     """Stop an analysis that waits or runs.
 
     Example: `thermap analyses cancel 2 --machine vmc`
     """
-    from thermap import loop_calls
-
-    show_of_machine(
-        url,
-        machine,
-        lambda chosen: loop_calls.cancel_analysis(chosen, number),
+    return Shown(
+        loop_calls.cancel_analysis(machine, number),
         lambda now: Text(f"analysis {now.id}: {now.status}"),
-        json=json,
     )
 
 
 @analyses.command("delete")
+@asks
 def delete_analysis(
-    number: NumberArgument,
-    machine: MachineOption = None,
-    yes: YesOption = False,
-    url: UrlOption = DEFAULT_URL,
+    thermap: ThermapClient, number: NumberArgument, machine: ChosenMachine, yes: YesOption = False
 ) -> None:
     """Delete an analysis with its report; a model version that was made of it stays.
 
     Example: `thermap analyses delete 1 --machine vmc`
     """
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        present = thermap.analysis(chosen, number)
-        confirm(
-            f"analysis {number} was not deleted",
-            f"Delete analysis {number} of {chosen!r} ({present.status}) with its report?",
-            yes=yes,
-        )
-        thermap.delete_analysis(chosen, number)
+    present = thermap.analysis(machine, number)
+    confirm(
+        f"analysis {number} was not deleted",
+        f"Delete analysis {number} of {machine!r} ({present.status}) with its report?",
+        yes=yes,
+    )
+    thermap.delete_analysis(machine, number)
     echo(f"analysis {number} deleted")
 
 

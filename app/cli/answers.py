@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
+from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import RenderableType
@@ -11,8 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.cli.console import console
-from app.cli.options import chosen_machine, connect
-from app.cli.terminal import write_document
+from app.cli.terminal import write_json
 from app.errors import list_names
 
 if TYPE_CHECKING:
@@ -37,25 +37,9 @@ def show(
         Write the service's JSON instead.
     """
     if json:
-        write_document(thermap.content(call).decode() + "\n")
+        write_json(thermap.content(call))
     else:
         show_view(view(thermap.send(call)))
-
-
-def show_of_machine(
-    url: str,
-    machine: str | None,
-    ask: Callable[[str], Call[Answer]],
-    view: Callable[[Answer], RenderableType],
-    *,
-    json: bool,
-) -> None:
-    """Ask something of the machine that is meant, and show the answer as `show` does.
-
-    `ask` makes the call for the machine's name.
-    """
-    with connect(url) as thermap:
-        show(thermap, ask(chosen_machine(thermap, machine)), view, json=json)
 
 
 def shell_words(words: Iterable[str]) -> str:
@@ -78,11 +62,13 @@ def listing(*headings: str, right: str = "") -> Table:
     Parameters
     ----------
     right
-        A letter for each column, r where it holds numbers; the others stand left.
+        A letter for each column: r where it holds numbers, which stand right. A capital one is not
+        wrapped.
     """
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if right[i : i + 1] == "r" else "left")
+    for heading, letter in zip_longest(headings, right[: len(headings)], fillvalue="l"):
+        is_right = letter in "rR"
+        table.add_column(heading, justify="right" if is_right else "left", no_wrap=letter.isupper())
     return table
 
 

@@ -10,7 +10,7 @@ import gc
 import io
 import sys
 from importlib import import_module
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -19,120 +19,55 @@ import app as package
 from app.cli.terminal import complain, echo, printable_lines
 from app.errors import ThermapError
 
-
-class Home(NamedTuple):
-    """Where a command is defined, and the line that the list of commands has of it."""
-
-    module: str
-    name: str
-    summary: str
-
-
 COMMANDS: Final = {
-    "serve": Home("serve", "serve", "Run the service until Ctrl-C or SIGTERM."),
-    "worker": Home(
-        "worker",
-        "worker",
-        "Run the analyses that services are asked for, until Ctrl-C or SIGTERM.",
-    ),
-    "demo": Home(
-        "demo", "demo", "Run the service with a simulated machine that warms up and cools down."
-    ),
-    "import": Home(
-        "import_files",
-        "import_files",
-        "Store machines, error maps and readings from files; no map before all are looked at.",
-    ),
-    "compensate": Home(
-        "compensate",
-        "compensate",
-        "Show the compensation table: for these temperatures, or at the latest reading.",
-    ),
-    "status": Home("status", "status", "Say whether machines can be trusted now, and why not."),
-    "doctor": Home(
-        "doctor",
-        "doctor",
-        "Say whether all is well with a database and the service on it; exit code 1 where not.",
-    ),
-    "controllers": Home(
-        "controllers", "controllers", "List the controllers' file formats and their options."
-    ),
-    "export": Home(
-        "controllers",
-        "export",
-        "Write the compensation as a controller's files: at these temperatures, or as it is now.",
-    ),
-    "compare": Home(
-        "controllers",
-        "compare",
-        "Compare what a controller holds with what it should hold: stale, forgotten, foreign.",
-    ),
-    "program": Home(
-        "program",
-        "program",
-        "NC programs that move a machine through a measurement, and files for the readings.",
-    ),
-    "hal": Home(
-        "hal", "hal", "The live compensation in LinuxCNC: the motors follow the service's table."
-    ),
-    "backup": Home(
-        "backup", "backup", "Write everything in the database to a file, while the service runs."
-    ),
-    "restore": Home("backup", "restore", "Bring a backup into a database: whole, or not at all."),
-    "keys": Home("keys", "keys", "Make, list and revoke the keys that a service asks for."),
-    "events": Home(
-        "events",
-        "events",
-        "List what happened, the newest first: changes, alarms, sensors lost and back.",
-    ),
-    "connections": Home(
-        "connections",
-        "connections",
-        "Show how connections beside HTTP fare, or check their file.",
-    ),
-    "notify": Home(
-        "notify", "notify", "Show who is told of alarms and how that went, or send a test message."
-    ),
-    "machines": Home("machines", "machines", "List, show, change and delete machines."),
-    "maps": Home("maps", "maps", "List, show and delete error maps."),
-    "models": Home("models", "models", "List, show, activate and compare model versions."),
-    "sensors": Home(
-        "sensors", "sensors", "Show, assign and correlate the sensors that components follow."
-    ),
-    "readings": Home("readings", "readings", "List and withdraw the temperatures that came."),
-    "verifications": Home(
-        "verifications",
-        "verifications",
-        "Store, list and delete verifications; show what the model leaves of them.",
-    ),
-    "analyses": Home("analyses", "analyses", "List, show, cancel and delete analyses."),
-    "analyse": Home(
-        "analyse",
-        "analyse",
-        "Find what the model lacks: compare it with measured data, and write a report.",
-    ),
-    "accuracy": Home(
-        "accuracy",
-        "accuracy",
-        "Show volumetric accuracy by every definition, and what controllers would leave of it.",
-    ),
-    "picture": Home(
-        "picture",
-        "picture",
-        "Draw the work volume with exaggerated errors: at these temperatures, or as it is now.",
-    ),
-    "replay": Home(
-        "replay",
-        "replay",
-        "Send recorded temperatures as readings, and show how the compensation table changes.",
-    ),
-    "simulate": Home(
-        "simulate",
-        "simulate",
-        "Simulated readings on a stored machine, or a whole machine with an undeclared effect.",
-    ),
+    "serve": "Run the service until Ctrl-C or SIGTERM.",
+    "worker": "Run the analyses that services are asked for, until Ctrl-C or SIGTERM.",
+    "demo": "Run the service with a simulated machine that warms up and cools down.",
+    "import": "Store machines, error maps and readings from files; no map before all are looked "
+    "at.",
+    "compensate": "Show the compensation table: for these temperatures, or at the latest reading.",
+    "status": "Say whether machines can be trusted now, and why not.",
+    "doctor": "Say whether all is well with a database and the service on it; exit code 1 where "
+    "not.",
+    "controllers": "List the controllers' file formats and their options.",
+    "export": "Write the compensation as a controller's files: at these temperatures, or as it is "
+    "now.",
+    "compare": "Compare what a controller holds with what it should hold: stale, forgotten, "
+    "foreign.",
+    "program": "NC programs that move a machine through a measurement, and files for the readings.",
+    "hal": "The live compensation in LinuxCNC: the motors follow the service's table.",
+    "backup": "Write everything in the database to a file, while the service runs.",
+    "restore": "Bring a backup into a database: whole, or not at all.",
+    "keys": "Make, list and revoke the keys that a service asks for.",
+    "events": "List what happened, the newest first: changes, alarms, sensors lost and back.",
+    "connections": "Show how connections beside HTTP fare, or check their file.",
+    "notify": "Show who is told of alarms and how that went, or send a test message.",
+    "machines": "List, show, change and delete machines.",
+    "maps": "List, show and delete error maps.",
+    "models": "List, show, activate and compare model versions.",
+    "sensors": "Show, assign and correlate the sensors that components follow.",
+    "readings": "List and withdraw the temperatures that came.",
+    "verifications": "Store, list and delete verifications; show what the model leaves of them.",
+    "analyses": "List, show, cancel and delete analyses.",
+    "analyse": "Find what the model lacks: compare it with measured data, and write a report.",
+    "accuracy": "Show volumetric accuracy by every definition, and what controllers would leave of "
+    "it.",
+    "picture": "Draw the work volume with exaggerated errors: at these temperatures, or as it is "
+    "now.",
+    "replay": "Send recorded temperatures as readings, and show how the compensation table "
+    "changes.",
+    "simulate": "Simulated readings on a stored machine, or a whole machine with an undeclared "
+    "effect.",
 }
-"""Command to its home below `app.cli`."""
+"""Command to the line that the list of commands has of it."""
+
+_HOMES: Final = {
+    "import": ("import_files", "import_files"),
+    "export": ("controllers", "export"),
+    "compare": ("controllers", "compare"),
+    "restore": ("backup", "restore"),
+}
+"""Module below `app.cli` and name there of commands that are not in a module of their name."""
 
 
 class Commands(TyperGroup):
@@ -140,8 +75,8 @@ class Commands(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        for name, home in COMMANDS.items():
-            self.commands[name] = TyperCommand(name, help=home.summary)
+        for name, summary in COMMANDS.items():
+            self.commands[name] = TyperCommand(name, help=summary)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is meant, and load it."""
@@ -165,10 +100,10 @@ class Commands(TyperGroup):
 
 def load(name: str) -> Any:
     """Load a command, or a group of commands."""
-    home = COMMANDS[name]
+    module, attribute = _HOMES.get(name, (name, name))
     gc.disable()  # what is imported stays: going through it again and again is a fifth of the time
     try:
-        command = getattr(import_module(f"app.cli.{home.module}"), home.name)
+        command = getattr(import_module(f"app.cli.{module}"), attribute)
     finally:
         gc.enable()
     if not isinstance(command, typer.Typer):
@@ -178,6 +113,7 @@ def load(name: str) -> Any:
         alone.command(name)(command)
         command = alone
     loaded = typer.main.get_command(command)
+    loaded.help = loaded.help or COMMANDS[name]  # a group's, which says no more of itself
     _set_in_environment(loaded)
     return loaded
 

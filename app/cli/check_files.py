@@ -8,7 +8,16 @@ from typing import Final, cast
 
 from app.api.schemas.analyses import VisitPreview
 from app.cli.terminal import echo
-from app.cli.uploads import Beside, Sent, Upload, look_at_all, naming, read_bytes, send
+from app.cli.uploads import (
+    Beside,
+    Sent,
+    Upload,
+    look_at_all,
+    naming,
+    read_bytes,
+    say_what_was_read,
+    send,
+)
 from app.errors import counted
 from thermap import ThermapClient, calls
 from thermap.answers import StoredVerificationAnswer, VerificationPreview
@@ -34,10 +43,7 @@ def look_at_checks(
 def show_checks(read: Sequence[tuple[Upload, VerificationPreview]]) -> None:
     """Show what was read of files; nothing is stored."""
     for upload, preview in read:
-        for warning in preview.warnings:
-            echo(f"{upload.file}: note: {warning}", err=True)
-        for line in preview.read:
-            echo(f"{upload.file}: read {line}")
+        say_what_was_read(upload.file, preview)
         echo(f"{upload.file}: a preview, nothing was stored")
 
 
@@ -63,8 +69,7 @@ def store_checks(
         with naming(upload.file, [later.file for later, _ in read[i + 1 :]]):
             sent = send(thermap, upload.call(_BESIDE, calls.Storing(store=True)))
         answer = cast("StoredVerificationAnswer", sent.answer)
-        for warning in answer.warnings:
-            echo(f"{upload.file}: note: {warning}", err=True)
+        say_what_was_read(upload.file, answer)
         echo(
             f"{upload.file}: verification {answer.label!r}, number {answer.id}, "
             f"{counted(answer.count, 'observation')}"
@@ -87,8 +92,7 @@ def look_at_visits(
     visits = []
     for upload, look in _looks(thermap, machine, files, _PLANNED):
         visits.append(VisitPreview.model_validate_json(look.content))
-        for warning in visits[-1].warnings:
-            echo(f"{upload.file}: note: {warning}", err=True)
+        say_what_was_read(upload.file, visits[-1])
     return visits
 
 

@@ -20,26 +20,23 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.asking import Shown, asks, calls
 from app.cli.console import console
 from app.cli.options import (
     MachineArgument,
+    Named,
     TemperatureOption,
-    UrlOption,
-    connect,
-    in_options,
-    read_named_numbers,
+    named_option,
 )
-from app.cli.terminal import write_document
 from app.geometry.components import COMPONENTS
 from app.pages.report_parts.words import sentence
-from thermap import DEFAULT_URL, ThermapClient, calls
+from thermap import TaggedTable
 from thermap.answers import (
     CompensationAnswer,
     ComponentCompensationAnswer,
     CurrentCompensationAnswer,
     SurenessAnswer,
 )
-from thermap.call import Call
 
 POSITIONS_SHOWN: Final = 5
 SIGN: Final = "error: actual minus nominal; compensation: minus the error, added to the command"
@@ -51,18 +48,19 @@ _NumberColumns: TypeAlias = Sequence[Mapping[str, Any]]
 """How rich is to make the columns of numbers."""
 
 
+@asks
 def compensate(
     machine: MachineArgument,
     temperature: TemperatureOption = None,
     state: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=NUMBER", help="A number of the machine's state, such as spindle_rpm=8000."
+        Named | None,
+        named_option(
+            "a number of the machine's state",
+            "A number of the machine's state, such as spindle_rpm=8000.",
+            metavar="NAME=NUMBER",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="The service's JSON, unchanged.")] = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """Show the compensation table: for these temperatures, or at the latest reading.
 
     Errors and compensation are in µm, µrad or µm/m as each row says; positions in mm.
@@ -70,36 +68,20 @@ def compensate(
 
     Example: `thermap compensate mcfv5050 -t x-middle=24.1 -t z-column=27.3`
     """
-    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    numbers = read_named_numbers(state, "--state", "a number of the machine's state")
-    if numbers and not temperatures_c:
+    if state and not temperature:
         raise typer.BadParameter(
             "goes with --temperature; the latest reading has its own state", param_hint="--state"
         )
-    with connect(url) as thermap, in_options():
-        if json:
-            call: Call[Any] = calls.current_table(machine, etag=None)
-            if temperatures_c:
-                call = calls.compensation(machine, temperatures_c, numbers)
-            write_document(thermap.content(call).decode() + "\n")
-            return
-        terminal = console()
-        terminal.print(
-            table_view(_table(thermap, machine, temperatures_c, numbers), terminal.width)
-        )
+    width = console().width
+    if temperature:
+        call = calls.compensation(machine, temperature, state)
+        return Shown(call, lambda table: table_view(table, width))
 
+    def view(tagged: TaggedTable | None) -> RenderableType:
+        assert tagged is not None  # without an ETag there is always a table
+        return table_view(tagged.table, width)
 
-def _table(
-    thermap: ThermapClient,
-    machine: str,
-    temperatures_c: dict[str, float],
-    state: dict[str, float],
-) -> CompensationAnswer:
-    if temperatures_c:
-        return thermap.compensation(machine, temperatures_c, state)
-    tagged = thermap.current_table(machine)
-    assert tagged is not None  # without an ETag there is always a table
-    return tagged.table
+    return Shown(calls.current_table(machine), view)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,29 +275,14 @@ def _add_numbers(table: Table, numbers: _NumberColumns) -> None:
 def _component_rows(
     entry: ComponentCompensationAnswer, chosen: Sequence[int]
 ) -> Iterator[ComponentRow]:
-    component = COMPONENTS[entry.component]
-    unit = component.unit.symbol
-    code, chapter = entry.component, entry.chapter
-    errors = getattr(entry, component.error_field)
-    compensation = getattr(entry, component.compensation_field)
-    if not component.is_table:
-        iso = f"ISO {entry.iso} {signed(entry.iso_error_urad or 0.0)} µrad" if entry.iso else ""
-        yield ComponentRow(code, chapter, unit, [errors], [compensation], iso)
-        return
-    backward = getattr(entry, f"backward_{component.error_field}")
-    forward_sign = "" if backward is None else " +"
-    yield ComponentRow(
-        code + forward_sign, chapter, unit, _at(errors, chosen), _at(compensation, chosen)
-    )
-    if backward is not None:
-        corrected = getattr(entry, f"backward_{component.compensation_field}")
-        yield ComponentRow(
-            f"{code} -", chapter, unit, _at(backward, chosen), _at(corrected, chosen)
+    for direction in entry.directions:
+        arrays = entry.to_numpy(direction)
+        code = entry.component if direction == "both" else f"{entry.component} {direction}"
+        errors, compensation = (
+            np.atleast_1d(v)[list(chosen)].tolist() for v in (arrays.error, arrays.compensation)
         )
-
-
-def _at(values: Sequence[float], chosen: Iterable[int]) -> list[float]:
-    return [values[i] for i in chosen]
+        iso = f"ISO {entry.iso} {signed(entry.iso_error_urad or 0.0)} µrad" if entry.iso else ""
+        yield ComponentRow(code, entry.chapter, arrays.unit, errors, compensation, iso)
 
 
 def _left_out(answer: CompensationAnswer, rows: int, hint: str) -> str:

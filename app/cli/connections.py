@@ -10,11 +10,10 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, when
-from app.cli.options import JsonOption, UrlOption, connect
+from app.cli.answers import listing, or_nothing, when
+from app.cli.asking import Shown, asks, calls
 from app.cli.terminal import echo
 from app.errors import InvalidContent, counted, list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import Connection, ConnectionsNow
@@ -25,19 +24,15 @@ connections = typer.Typer(
 
 
 @connections.callback()
-def how_they_fare(
-    ctx: typer.Context, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def how_they_fare(ctx: typer.Context) -> Shown | None:
     """Show how connections beside HTTP fare, or check their file.
 
     Example: `thermap connections`, `thermap connections check thermap.toml`
     """
     if ctx.invoked_subcommand is not None:
-        return
-    from thermap import calls
-
-    with connect(url) as thermap:
-        show(thermap, calls.connections(), connections_view, json=json)
+        return None
+    return Shown(calls.connections(), connections_view)
 
 
 @connections.command()

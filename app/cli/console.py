@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
 from rich.segment import Segment
 from rich.text import Text
 
@@ -33,3 +34,12 @@ class _Console(Console):
 def console(*, stderr: bool = False) -> Console:
     """Make what views are printed with, as wide as the terminal or the pipe is."""
     return _Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+def progress_bar(*columns: ProgressColumn) -> Progress:
+    """Make a bar with what is being done before it: on a terminal, and nothing in a pipe."""
+    terminal = console(stderr=True)
+    words = TextColumn("{task.description}", markup=False)
+    return Progress(
+        words, BarColumn(), *columns, console=terminal, disable=not terminal.is_terminal
+    )

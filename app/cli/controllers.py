@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json as json_text
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import typer
 from rich.console import Group, RenderableType
@@ -14,27 +14,47 @@ from rich.table import Table
 from rich.text import Text
 
 from app.cli.answers import listing
+from app.cli.asking import Shown, ThermapClient, asks, calls
 from app.cli.console import console
 from app.cli.options import (
+    NO_OFFSET,
     JsonOption,
     MachineArgument,
+    Named,
     TemperatureOption,
     ToolOption,
-    UrlOption,
-    connect,
-    in_options,
-    read_named_numbers,
-    read_point,
+    named,
+    named_option,
 )
-from app.cli.terminal import write_document
+from app.cli.terminal import write_json
 from app.decimal_text import read_number
 from app.errors import ThermapError, list_names
 from app.pages.report_parts.words import sentence
-from thermap import DEFAULT_URL, calls
-from thermap.answers import CheckAnswer, CompareAnswer, ExportAnswer, NotHeldAnswer
+from thermap.answers import (
+    CheckAnswer,
+    CompareAnswer,
+    ControllersAnswer,
+    ExportAnswer,
+    NotHeldAnswer,
+)
 
 LARGEST_FILE = 4_000_000
 """Bytes of a file that is compared: no controller's table is larger."""
+
+
+def _value_of(written: str) -> Any:
+    """Read a number, JSON, or text as it is.
+
+    >>> [_value_of(text) for text in ("error", "50", '{"x": "AX1"}')]
+    ['error', 50, {'x': 'AX1'}]
+    """
+    if read_number(written, decimal_comma=False) is None and written[:1] not in '{["tfn':
+        return written
+    try:
+        return json_text.loads(written)
+    except ValueError:
+        return written
+
 
 ControllerOption = Annotated[
     str,
@@ -46,65 +66,57 @@ ControllerOption = Annotated[
     ),
 ]
 FormatOption = Annotated[
-    list[str] | None,
+    Named | None,
     typer.Option(
         "--option",
         "-o",
         metavar="NAME=VALUE",
+        parser=named("NAME=VALUE", _value_of, first=True),
         help="Option of the format, such as sign=error, components=EXX,EYY or "
         '\'axes={"x": "AX1"}\'; once for each.',
     ),
 ]
 
 
-class NamedText(Protocol):
-    """A file as it is to be written."""
-
-    @property
-    def name(self) -> str:
-        """Its name, inside the folder."""
-
-    @property
-    def content(self) -> str:
-        """What it holds."""
-
-
 class NotWritten(ThermapError):
     """Files could not be written, and none of them was."""
 
 
-def controllers(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
+@asks
+def controllers() -> Shown:
     """List the controllers' file formats and their options.
 
     With each its sign, its limits, and how surely all this is known.
 
     Example: `thermap controllers`
     """
-    with connect(url) as thermap:
-        if json:
-            write_document(thermap.content(calls.controllers()).decode() + "\n")
-            return
-        formats = thermap.controllers().controllers
-    terminal = console()
-    for controller in formats:
+    return Shown(calls.controllers(), controllers_view)
+
+
+def controllers_view(answer: ControllersAnswer) -> RenderableType:
+    """Lay out all formats."""
+    lines: list[Text] = []
+    for controller in answer.controllers:
         sign = (
             f"the {controller.sign}"
             if controller.sign
             else "to be stated (sign=error or sign=compensation)"
         )
-        terminal.print(
-            Text(controller.name, style="bold"), Text(f"{controller.title} · {controller.status}")
-        )
-        terminal.print(
-            Text(f"  values: {sign}, {controller.units}; positions: {controller.spacing}")
-        )
-        terminal.print(Text(f"  limits: {controller.limits}"))
+        title = f" {controller.title} · {controller.status}"
+        lines += [
+            Text.assemble((controller.name, "bold"), title),
+            Text(f"  values: {sign}, {controller.units}; positions: {controller.spacing}"),
+            Text(f"  limits: {controller.limits}"),
+        ]
         for option in controller.options:
             default = "needed" if option.required else f"default {json_text.dumps(option.default)}"
-            terminal.print(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
+            lines.append(Text(f"  {option.name} ({default}): {option.description}", style="dim"))
+    return Group(*lines)
 
 
+@asks
 def export(
+    thermap: ThermapClient,
     machine: MachineArgument,
     controller: ControllerOption,
     output: Annotated[
@@ -114,12 +126,22 @@ def export(
     temperature: TemperatureOption = None,
     option: FormatOption = None,
     begin: Annotated[
-        list[str] | None,
-        typer.Option("--from", metavar="SENSOR=°C", help="Where a range of temperatures begins."),
+        Named | None,
+        named_option(
+            "a temperature in °C",
+            "Where a range of temperatures begins.",
+            "--from",
+            metavar="SENSOR=°C",
+        ),
     ] = None,
     end: Annotated[
-        list[str] | None,
-        typer.Option("--to", metavar="SENSOR=°C", help="Where it ends; once for each sensor."),
+        Named | None,
+        named_option(
+            "a temperature in °C",
+            "Where it ends; once for each sensor.",
+            "--to",
+            metavar="SENSOR=°C",
+        ),
     ] = None,
     step: Annotated[
         float | None,
@@ -127,12 +149,11 @@ def export(
             "--step", metavar="µM", help="Change from one table of the range to the next, in µm."
         ),
     ] = None,
-    tool: ToolOption = "0,0,0",
+    tool: ToolOption = NO_OFFSET,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace files that are there already.")
     ] = False,
     json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Write the compensation as a controller's files: at these temperatures, or as it is now.
 
@@ -141,15 +162,14 @@ def export(
 
     Example: `thermap export mcfv5050 -c siemens-cec -o sign=error --output cec`
     """
-    question = _question(temperature, option, tool) | _bands(begin, end, step)
-    with connect(url) as thermap, in_options():
-        call = calls.export_compensation(machine, controller, question)
-        content = thermap.content(call)
-        answer = ExportAnswer.model_validate_json(content, extra="ignore")
+    question = _question(temperature, option) | _bands(begin, end, step)
+    question["tool_offset_mm"] = tool
+    content = thermap.content(calls.export_compensation(machine, controller, question))
+    answer = ExportAnswer.model_validate_json(content, extra="ignore")
     if output is not None:
-        write_files(output, answer.files, overwrite=overwrite)
+        write_files(output, {f.name: f.content for f in answer.files}, overwrite=overwrite)
     if json:
-        write_document(content.decode() + "\n")
+        write_json(content)
         return
     terminal = console()
     terminal.print(export_view(answer))
@@ -157,6 +177,7 @@ def export(
     terminal.print(Text(f"{list_names(file.name for file in answer.files)}: {where}"))
 
 
+@asks
 def compare(
     machine: MachineArgument,
     files: Annotated[
@@ -165,80 +186,29 @@ def compare(
     controller: ControllerOption,
     temperature: TemperatureOption = None,
     option: FormatOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """Compare what a controller holds with what it should hold: stale, forgotten, foreign.
 
     Example: `thermap compare mcfv5050 x.comp y.comp thermap.ini -c linuxcnc`
     """
-    question = _question(temperature, option, "0,0,0")
+    question = _question(temperature, option)
     question["files"] = [{"name": path.name, "content": _text_of(path)} for path in files]
-    with connect(url) as thermap, in_options():
-        content = thermap.content(calls.compare_compensation(machine, controller, question))
-    if json:
-        write_document(content.decode() + "\n")
-        return
-    answer = CompareAnswer.model_validate_json(content, extra="ignore")
-    console().print(compare_view(answer))
+    return Shown(calls.compare_compensation(machine, controller, question), compare_view)
 
 
-def _question(temperature: Iterable[str] | None, option: Iterable[str] | None, tool: str) -> Any:
-    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    question: dict[str, Any] = {"options": read_options(option)}
-    question["tool_offset_mm"] = read_point(tool, "--tool", "0,0,160")
-    return question | ({"temperatures_c": temperatures_c} if temperatures_c else {})
+def _question(temperature: Named | None, option: Named | None) -> dict[str, Any]:
+    question: dict[str, Any] = {"options": option or {}}
+    return question | ({"temperatures_c": temperature} if temperature else {})
 
 
-def _bands(
-    begin: Iterable[str] | None, end: Iterable[str] | None, step: float | None
-) -> dict[str, Any]:
+def _bands(begin: Named | None, end: Named | None, step: float | None) -> dict[str, Any]:
     if not begin and not end and step is None:
         return {}
     if not begin or not end or step is None:
         raise typer.BadParameter(
             "expected all of --from, --to and --step, got some of them", param_hint="--step"
         )
-    return {
-        "bands": {
-            "from_c": read_named_numbers(begin, "--from", "a temperature in °C"),
-            "to_c": read_named_numbers(end, "--to", "a temperature in °C"),
-            "largest_step_um": step,
-        }
-    }
-
-
-def read_options(texts: Iterable[str] | None) -> dict[str, Any]:
-    """Read `NAME=VALUE` as often as it is stated: a number, JSON, or text as it is.
-
-    Raises
-    ------
-    typer.BadParameter
-        If a value is not of this form, or a name is stated twice.
-
-    Examples
-    --------
-    >>> read_options(["sign=error", "spacing_mm=50", 'axes={"x": "AX1"}'])
-    {'sign': 'error', 'spacing_mm': 50, 'axes': {'x': 'AX1'}}
-    """
-    options: dict[str, Any] = {}
-    for text in texts or ():
-        name, equals, written = text.partition("=")
-        if not name.strip() or not equals or name.strip() in options:
-            raise typer.BadParameter(
-                f"expected NAME=VALUE, each name once, got {text!r}", param_hint="--option"
-            )
-        options[name.strip()] = _value_of(written.strip())
-    return options
-
-
-def _value_of(written: str) -> Any:
-    if read_number(written, decimal_comma=False) is None and written[:1] not in '{["tfn':
-        return written
-    try:
-        return json_text.loads(written)
-    except ValueError:
-        return written
+    return {"bands": {"from_c": begin, "to_c": end, "largest_step_um": step}}
 
 
 def _text_of(path: Path) -> str:
@@ -257,8 +227,8 @@ def _text_of(path: Path) -> str:
     return content.decode("utf-8", errors="replace")
 
 
-def write_files(folder: Path, files: Iterable[NamedText], *, overwrite: bool = False) -> None:
-    """Write all files into a folder, or none of them.
+def write_files(folder: Path, files: Mapping[str, str], *, overwrite: bool = False) -> None:
+    """Write all files, content by name, into a folder, or none of them.
 
     Each is written beside its place first, and moved there when all of them are written.
 
@@ -267,12 +237,11 @@ def write_files(folder: Path, files: Iterable[NamedText], *, overwrite: bool = F
     NotWritten
         If one is there already and is not to be replaced, or cannot be written.
     """
-    files = list(files)
-    outside = [f.name for f in files if Path(f.name).is_absolute() or ".." in Path(f.name).parts]
+    outside = [name for name in files if Path(name).is_absolute() or ".." in Path(name).parts]
     if outside:
         raise NotWritten(f"expected names inside {folder}, got {list_names(outside)}")
-    there = [file.name for file in files if (folder / file.name).exists()]
-    folders = [file.name for file in files if (folder / file.name).is_dir()]
+    there = [name for name in files if (folder / name).exists()]
+    folders = [name for name in files if (folder / name).is_dir()]
     if folders:
         raise NotWritten(f"{list_names(folders)} in {folder} is a folder: nothing was written")
     if there and not overwrite:
@@ -283,14 +252,14 @@ def write_files(folder: Path, files: Iterable[NamedText], *, overwrite: bool = F
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".thermap-") as beside:
-            for file in files:
-                place = Path(beside, file.name)
+            for name, content in files.items():
+                place = Path(beside, name)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 # As it came: controllers are particular about the ends of lines.
-                place.write_bytes(file.content.encode())
-            for file in files:
-                (folder / file.name).parent.mkdir(parents=True, exist_ok=True)
-                Path(beside, file.name).replace(folder / file.name)
+                place.write_bytes(content.encode())
+            for name in files:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                Path(beside, name).replace(folder / name)
     except OSError as error:
         raise NotWritten(f"cannot write into {folder}: {error.strerror}") from None
 

@@ -23,7 +23,7 @@ from app.cli.listening import (
     serving,
     url_of,
 )
-from app.cli.options import UrlOption, connect
+from app.cli.options import UrlOption, connect, is_typed
 from app.cli.settings_options import checked_settings, with_settings
 from app.cli.terminal import echo
 from app.settings import sqlite_url
@@ -81,7 +81,7 @@ def demo(
 
     Example: `thermap demo --port 8001`
     """
-    if _is_typed(ctx, "service_url") and not (later or no_serve):
+    if is_typed(ctx, "service_url") and not (later or no_serve):
         raise typer.BadParameter(
             "the demo starts a service of its own, at --host and --port; another one's URL is for "
             "--later and --no-serve",
@@ -132,14 +132,10 @@ def demo(
 
 def _where(ctx: typer.Context, url: str, host: str, port: int) -> str:
     """Find the service that runs already: what was typed goes before the environment."""
-    is_typed_otherwise = _is_typed(ctx, "host") or _is_typed(ctx, "port")
-    if url and (_is_typed(ctx, "service_url") or not is_typed_otherwise):
+    is_typed_otherwise = is_typed(ctx, "host") or is_typed(ctx, "port")
+    if url and (is_typed(ctx, "service_url") or not is_typed_otherwise):
         return url
     return f"http://{f'[{host}]' if ':' in host else host}:{port}"
-
-
-def _is_typed(ctx: typer.Context, option: str) -> bool:
-    return getattr(ctx.get_parameter_source(option), "name", "") == "COMMANDLINE"
 
 
 def _live_tables(thermap: ThermapClient, machine: str) -> Iterator[CurrentCompensationAnswer]:

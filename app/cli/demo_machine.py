@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Any, Final
 
 from app.errors import Conflict
 from app.files.csv_writing import csv_of_map
@@ -30,15 +30,7 @@ def set_up(thermap: ThermapClient) -> str:
         temperature shall reach a real machine's table.
     """
     machine = example_machine()
-    try:
-        present = thermap.machine(machine.id)
-    except UnknownThingError:
-        present = thermap.create_machine(MACHINE.dump_python(machine, mode="json"))
-    if present.name != machine.name:
-        raise Conflict(
-            f"{thermap.base_url} has a machine {machine.id!r} that is not the simulated one "
-            f"({present.name!r}): give the demo a database of its own"
-        )
+    make_sure_of(thermap, MACHINE.dump_python(machine, mode="json"))
     try:
         for number in STORED_RUNS:
             content = csv_of_map(machine.id, run_map(number)).encode()
@@ -48,6 +40,27 @@ def set_up(thermap: ThermapClient) -> str:
         raise Conflict(f"{error.detail}; or give the demo a new --database-url") from error
     thermap.store_readings(machine.id, _history(datetime.now(UTC)))
     return machine.id
+
+
+def make_sure_of(thermap: ThermapClient, machine: Mapping[str, Any]) -> bool:
+    """Have a simulated machine stored; say whether it was not.
+
+    Raises
+    ------
+    Conflict
+        If a machine of that id is there that is not the simulated one.
+    """
+    try:
+        present = thermap.machine(machine["id"]).name
+    except UnknownThingError:
+        thermap.create_machine(machine)
+        return True
+    if present != machine["name"]:
+        raise Conflict(
+            f"{thermap.base_url} has a machine {machine['id']!r} that is not the simulated one "
+            f"({present!r}): give the demo a database of its own"
+        )
+    return False
 
 
 def reading_at(moment: datetime) -> ReadingSchema:

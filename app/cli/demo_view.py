@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from app.cli.answers import listing
 from app.cli.compensate import signed, table_view
 from app.simulation.example.remaining_error import RemainingError
 from thermap.answers import CurrentCompensationAnswer
@@ -16,12 +16,8 @@ from thermap.answers import CurrentCompensationAnswer
 
 def argument_view(rows: Iterable[RemainingError]) -> RenderableType:
     """Show what remains uncompensated, with two maps, and with three."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column("run")
-    table.add_column("error maps used")
-    for unit in ("µm", "µm/m", "µrad"):
-        table.add_column(f"RMS {unit}", justify="right", no_wrap=True)
-        table.add_column(f"max {unit}", justify="right", no_wrap=True)
+    sizes = [f"{size} {unit}" for unit in ("µm", "µm/m", "µrad") for size in ("RMS", "max")]
+    table = listing("run", "error maps used", *sizes, right="llRRRRRR")
     for row in rows:
         numbers = (row.rms_um, row.max_um, row.rms_um_per_m, row.max_um_per_m)
         angles = (row.rms_urad, row.max_urad)

@@ -10,12 +10,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from app.cli.console import console
+from app.cli.demo_machine import make_sure_of
 from app.cli.models import comparison_view
 from app.cli.options import connect
 from app.cli.simulate_campaign import store_maps, store_measured
 from app.cli.terminal import echo
 from app.errors import Conflict, ThermapError
-from app.simulation.week import ID, NAME, Week, make_week
+from app.simulation.week import ID, Week, make_week
 from thermap import DEFAULT_URL, ThermapClient, ThermapClientError, UnknownThingError, loop_calls
 from thermap.answers import ModelComparisonAnswer
 
@@ -63,19 +64,8 @@ def set_up_week(thermap: ThermapClient) -> None:
     Conflict
         If a machine of that id is there that is not the simulated one.
     """
-    try:
-        present = thermap.machine(ID).name
-    except UnknownThingError:
-        present = None
-    if present not in (None, NAME):
-        raise Conflict(
-            f"{thermap.base_url} has a machine {ID!r} that is not the simulated one "
-            f"({present!r}): give the demo a database of its own"
-        )
     week = make_week()
-    if present is None:
-        thermap.create_machine(week.machine)
-    elif thermap.verifications(ID):
+    if not make_sure_of(thermap, week.machine) and thermap.verifications(ID):
         return
     store_maps(thermap, ID, week.error_maps)
     store_measured(thermap, ID, week.week.readings, week.week.verifications)

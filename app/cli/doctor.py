@@ -13,7 +13,8 @@ from rich.text import Text
 
 from app.cli.answers import listing, show_view
 from app.cli.examine_service import examine_service
-from app.cli.options import DatabaseOption, UrlOption
+from app.cli.options import DatabaseOption, UrlOption, is_typed
+from app.cli.settings_options import blamed_option
 from app.cli.terminal import echo
 from app.connections.config import read_connections
 from app.errors import InvalidContent, ThermapError
@@ -59,11 +60,7 @@ def doctor(
 
     Example: `thermap doctor --backups /srv/backups`
     """
-    sources = {
-        name
-        for name in ("url", "database_url")
-        if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"
-    }
+    sources = {name for name in ("url", "database_url") if is_typed(ctx, name)}
     parts: list[Iterator[Finding]] = []
     if sources != {"url"}:
         parts.append(_database(database_url))
@@ -99,9 +96,7 @@ def _database(url: str) -> Iterator[Finding]:
     try:
         yield from examine_database(url)
     except InvalidContent as error:
-        raise typer.BadParameter(
-            error.detail.removeprefix("database_url: "), param_hint="--database-url"
-        ) from None
+        raise blamed_option(error) or error from None
 
 
 def _config(file: Path) -> Iterator[Finding]:

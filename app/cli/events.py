@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, when
-from app.cli.options import JsonOption, MachineOption, UrlOption, connect, time_option
-from thermap import DEFAULT_URL
+from app.cli.answers import listing, or_nothing, when
+from app.cli.asking import Shown, asks, calls
+from app.cli.options import MachineOption, time_option
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from thermap.answers import Event, Events
 
 
+@asks
 def events(
     machine: MachineOption = None,
     since: Annotated[
@@ -34,26 +35,18 @@ def events(
         ),
     ] = None,
     limit: Annotated[int, typer.Option(min=1, max=10_000, help="At most so many.")] = 20,
-    *,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """List what happened, the newest first: changes, alarms, sensors lost and back.
 
     Example: `thermap events --machine vmc --kind alarm`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        ask = calls.all_events if machine is None else partial(calls.events, machine)
-        call = ask(since=since, until=until, kinds=kind or (), limit=limit)
-        show(thermap, call, partial(_view, of_all=machine is None), json=json)
+    call = calls.events(machine, since=since, until=until, kinds=kind or (), limit=limit)
+    return Shown(call, partial(_view, of_all=machine is None))
 
 
 def _view(page: Events, *, of_all: bool) -> RenderableType:
-    table = listing("time", *(["machine"] if of_all else []), "kind", "what")
-    for column in table.columns[:-1]:
-        column.no_wrap = True
+    headings = ("time", *(["machine"] if of_all else []), "kind", "what")
+    table = listing(*headings, right="L" * (len(headings) - 1))
     for event in page.events:
         where = [event.machine or ""] if of_all else []
         table.add_row(when(event.time), *where, event.kind, _words(event))

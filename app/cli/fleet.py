@@ -14,19 +14,12 @@ from typing import Any, Final
 
 import typer
 from pydantic import TypeAdapter
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-)
-from rich.table import Table
+from rich.progress import MofNCompleteColumn, Progress, TaskID, TimeElapsedColumn
 
-from app.cli.console import console
+from app.cli.answers import listing
+from app.cli.console import console, progress_bar
 from app.cli.options import write_file
-from app.cli.terminal import echo, write_document
+from app.cli.terminal import echo, write_json
 from app.errors import list_names
 from app.identification.fleet import FleetJudgement
 from app.pages.fleet_report import fleet_report
@@ -65,7 +58,7 @@ def judge_every_machine(
         )
         raise typer.Exit(130) from None
     if json:
-        write_document(_JUDGEMENT.dump_json(judgement).decode() + "\n")
+        write_json(_JUDGEMENT.dump_json(judgement))
     else:
         _show(judgement)
     if output is not None:
@@ -99,11 +92,7 @@ def _say_refused(answer: FleetView) -> None:
 
 def _judged(thermap: ThermapClient, question: Mapping[str, Any]) -> FleetJudgement:
     """Ask for what is missing, and follow it until there is a judgement."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    terminal = console(stderr=True)
-    with Progress(
-        *columns, TimeElapsedColumn(), console=terminal, disable=not terminal.is_terminal
-    ) as progress:
+    with progress_bar(MofNCompleteColumn(), TimeElapsedColumn()) as progress:
         task = progress.add_task("analysing", total=None)
         while True:
             answer = _read(thermap, loop_calls.analyse_fleet(question))
@@ -147,7 +136,7 @@ def _show(judgement: FleetJudgement) -> None:
     """Write the findings for a person."""
     terminal = console()
     terminal.print(judgement.summary)
-    table = Table("machine", "verdict", "drifts", "found", box=None, pad_edge=False)
+    table = listing("machine", "verdict", "drifts", "found")
     for machine in judgement.machines:
         outcome = machine.why_not or "; ".join(machine.found) or "–"
         table.add_row(

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 
@@ -82,7 +82,7 @@ LimitOption = Annotated[
     ),
 ]
 UnitsOption = Annotated[
-    str, typer.Option("--units", metavar="mm|inch", help="LINEAR_UNITS of the machine.")
+    Literal["mm", "inch"], typer.Option("--units", help="LINEAR_UNITS of the machine.")
 ]
 JointsOption = Annotated[
     str | None,
@@ -105,11 +105,6 @@ hal = command_group()
 
 class NotStarted(ThermapError):
     """The component could not be started."""
-
-
-@hal.callback()
-def _describe() -> None:
-    """The live compensation in LinuxCNC: the motors follow the service's table."""
 
 
 @hal.command("wiring")
@@ -151,7 +146,7 @@ def write_wiring(
         # Whatever the PATH is where LinuxCNC is started.
         *(sys.executable, "-m", "app", "hal", "follow", machine),
         *("--url", url, "--rate", f"{rate:g}", "--period", f"{period:g}"),
-        *("--every", f"{every:g}", "--limit", f"{limit:g}", "--units", _units(units)),
+        *("--every", f"{every:g}", "--limit", f"{limit:g}", "--units", units),
         *("--python", python),
         *("--joints", ",".join("+".join(map(str, of_axis)) for of_axis in numbers)),
         *(("--sensors", ",".join(sensors)) if sensors else ()),
@@ -199,7 +194,7 @@ def follow(
         raise typer.BadParameter(str(error), param_hint="--sensors") from None
     root = str(Path(package.__file__).parent.parent)
     words = [
-        *(machine, "--url", url, "--units", _units(units)),
+        *(machine, "--url", url, "--units", units),
         *("--every-s", str(every), "--period-s", str(period)),
         *("--rate-um-per-s", str(rate), "--limit-um", str(limit)),
         *(word for name in named for word in ("--sensor", name)),
@@ -210,12 +205,6 @@ def follow(
         os.execv(python, [python, "-c", START, root, *words])
     except OSError as error:
         raise NotStarted(f"cannot run {python}: {error.strerror}") from None
-
-
-def _units(text: str) -> str:
-    if text not in ("mm", "inch"):
-        raise typer.BadParameter(f"expected mm or inch, got {text!r}", param_hint="--units")
-    return text
 
 
 def _joints(text: str | None, axes: int = len(AXES)) -> list[list[int]]:

@@ -6,16 +6,17 @@ import json as json_text
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import typer
 
 from app.api.schemas.machines import MachineAnswer
+from app.cli.asking import ThermapClient, asks
 from app.cli.console import console
 from app.cli.measurement_view import measurement_view
 from app.cli.models import preview_lines, waiting_lines
-from app.cli.options import TemperatureOption, UrlOption, connect, read_named_numbers
-from app.cli.terminal import echo, write_document
+from app.cli.options import TemperatureOption, refuse_if
+from app.cli.terminal import echo, write_json
 from app.cli.uploads import (
     Beside,
     Sent,
@@ -26,12 +27,13 @@ from app.cli.uploads import (
     naming,
     raise_if_any,
     read_bytes,
+    say_what_was_read,
     send,
 )
 from app.errors import counted, list_names
 from app.json_text import NoJsonError, RepeatedNameError, read_json
 from app.thermal.machine import Machine
-from thermap import DEFAULT_URL, ThermapClient, calls
+from thermap import calls
 from thermap.answers import (
     DriftVerificationAnswer,
     ErrorMapAnswer,
@@ -40,8 +42,6 @@ from thermap.answers import (
     PreviewAnswer,
     ThermalDriftAnswer,
 )
-
-KEPT_AS: Final = ("maps", "verification", "both")
 
 _ANSWERED: Final = {f.name for f in fields(MachineAnswer)} - {f.name for f in fields(Machine)}
 """What the service says of a machine, and nobody states."""
@@ -56,7 +56,9 @@ class _Imported:
     uploads: list[Upload] = field(default_factory=list)
 
 
+@asks
 def import_files(
+    thermap: ThermapClient,
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE…", help="JSON of the HTTP contract, or CSV.")
     ],
@@ -106,7 +108,7 @@ def import_files(
         ),
     ] = False,
     keep_as: Annotated[
-        str,
+        Literal["maps", "verification", "both"],
         typer.Option(
             "--as",
             envvar="THERMAP_IMPORT_AS",
@@ -119,7 +121,6 @@ def import_files(
         bool,
         typer.Option("--json", help="The service's JSON, a line for each map."),
     ] = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Store machines, error maps and readings from files; no map before all are looked at.
 
@@ -143,27 +144,28 @@ def import_files(
 
     Example: `thermap import --method step-diagonal laser.csv --machine mcfv5050`
     """
-    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    if preview and (evaluate_only or accept_losses):
-        raise typer.BadParameter(
-            "a preview stores nothing: leave out --evaluate-only and --accept-losses",
-            param_hint="--preview",
-        )
-    if keep_as not in KEPT_AS or (keep_as != "maps" and method != "thermal-drift"):
-        raise typer.BadParameter(
-            f"expected one of {list_names(KEPT_AS)} with --method thermal-drift, got {keep_as!r}",
-            param_hint="--as",
-        )
-    if preview and keep_as == "verification":
-        raise typer.BadParameter(
-            "says what maps would do to the tables, and a verification changes none: leave it out",
-            param_hint="--preview",
-        )
+    refuse_if(
+        preview and (evaluate_only or accept_losses),
+        "a preview stores nothing: leave out --evaluate-only and --accept-losses",
+        "--preview",
+    )
+    refuse_if(
+        keep_as != "maps" and method != "thermal-drift",
+        f"{keep_as} goes with --method thermal-drift alone",
+        "--as",
+    )
+    refuse_if(
+        preview and keep_as == "verification",
+        "says what maps would do to the tables, and a verification changes none: leave it out",
+        "--preview",
+    )
+    text_files = sum(method is not None or file.suffix.lower() != ".json" for file in files)
+    refuse_if(label and text_files > 1, "names one map, got several files", "--label")
     beside = {
         "kind": "map",
         "label": label,
         "measured_at": measured_at,
-        "temperature": [f"{name}={value!r}" for name, value in temperatures_c.items()],
+        "temperature": [f"{name}={value!r}" for name, value in (temperature or {}).items()],
         "method": method,
         "axis": axis,
     }
@@ -171,25 +173,22 @@ def import_files(
     storing = calls.Storing(
         stores and keep_as != "verification", accept_losses, preview, stores and keep_as != "maps"
     )
-    if label and sum(method is not None or file.suffix.lower() != ".json" for file in files) > 1:
-        raise typer.BadParameter("names one map, got several files", param_hint="--label")
     imported = _read_all(files, machine, has_bodies=method is not None)
-    with connect(url) as thermap:
-        for file, settings in imported.machines if stores else ():
-            with naming(file):
-                echo(f"{file}: {_store_machine(thermap, settings)}")
-        look = calls.Storing(preview=not evaluate_only)
-        if stores and keep_as != "maps":
-            look = calls.Storing(preview=keep_as == "both")
-        looks = look_at_all(thermap, imported.uploads, beside, look)
-        if not stores:
-            for upload, sent in zip(imported.uploads, looks, strict=True):
-                _show(upload.file, sent, json=json)
-            return
-        for file, machine_id, readings in imported.readings:
-            with naming(file):
-                _store_readings(thermap, file, machine_id, readings)
-        _store_uploads(thermap, imported.uploads, looks, beside, storing, json=json)
+    for file, settings in imported.machines if stores else ():
+        with naming(file):
+            echo(f"{file}: {_store_machine(thermap, settings)}")
+    look = calls.Storing(preview=not evaluate_only)
+    if stores and keep_as != "maps":
+        look = calls.Storing(preview=keep_as == "both")
+    looks = look_at_all(thermap, imported.uploads, beside, look)
+    if not stores:
+        for upload, sent in zip(imported.uploads, looks, strict=True):
+            _show(upload.file, sent, json=json)
+        return
+    for file, machine_id, readings in imported.readings:
+        with naming(file):
+            _store_readings(thermap, file, machine_id, readings)
+    _store_uploads(thermap, imported.uploads, looks, beside, storing, json=json)
 
 
 def _read_all(files: Sequence[Path], machine: str | None, *, has_bodies: bool) -> _Imported:
@@ -304,7 +303,7 @@ def _store_uploads(
                 _show_preview(upload.file, preview)
             sent = send(thermap, upload.call(beside, storing))
             if json:
-                write_document(sent.content.decode() + "\n")
+                write_json(sent.content)
                 continue
             for warning in getattr(sent.answer, "warnings", ()):
                 if (upload.machine, warning) not in noted:
@@ -322,14 +321,10 @@ def _preview_in(answer: calls.ImportedFile) -> PreviewAnswer | MapPreview | None
 def _show(file: Path, sent: Sent[calls.ImportedFile], *, json: bool) -> None:
     """Show a preview, or an evaluation, of which nothing is stored."""
     if json:
-        write_document(sent.content.decode() + "\n")
+        write_json(sent.content)
         return
     answer = sent.answer
-    for warning in getattr(answer, "warnings", ()):
-        echo(f"{file}: note: {warning}", err=True)
-    if isinstance(answer, MapPreview):
-        for line in answer.read:
-            echo(f"{file}: read {line}")
+    say_what_was_read(file, answer)
     preview = _preview_in(answer)
     if preview is not None:
         _show_preview(file, preview)

@@ -6,6 +6,7 @@ They work on the database itself: who made no key yet, or lost the last one, can
 from __future__ import annotations
 
 import json as json_text
+from contextlib import closing
 from dataclasses import asdict
 from typing import Annotated
 
@@ -69,12 +70,9 @@ def create(
     Example: `thermap keys create line-3 --role sensor --machine vmc`
     """
     make_own_folder(database_url)
-    database = Database(database_url)
-    try:
+    with closing(Database(database_url)) as database:
         upgrade(database)
         created = create_key(database, name, role, machine or None)
-    finally:
-        database.close()
     key = created.key
     echo(created.secret)
     echo(
@@ -87,12 +85,9 @@ def create(
 @keys.command("list")
 def list_keys(*, database_url: DatabaseOption, json: JsonOption = False) -> None:
     """List keys: what each may do, and when it was used last."""
-    database = Database(database_url, may_be_new=False)
-    try:
+    with closing(Database(database_url, may_be_new=False)) as database:
         stored_keys = show_keys(database)
         unreadable = show_unreadable_keys(database)
-    finally:
-        database.close()
     if unreadable:
         echo(
             "no keys here, as this version does not know their role or machines: "
@@ -115,8 +110,7 @@ def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption =
 
     Streams that were opened with it end within a heartbeat, browsers ask for another.
     """
-    database = Database(database_url, may_be_new=False)
-    try:
+    with closing(Database(database_url, may_be_new=False)) as database:
         present = show_keys(database)
         admins = [key.name for key in present if key.role is Role.ADMIN]
         is_last = admins == [name]
@@ -128,8 +122,6 @@ def revoke(name: NameArgument, *, database_url: DatabaseOption, yes: YesOption =
                 yes=yes,
             )
         revoke_key(database, name, last_admin=is_last)
-    finally:
-        database.close()
     echo(f"key {name} is revoked")
     if is_last:
         echo(

@@ -10,19 +10,11 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show, when
-from app.cli.options import (
-    JsonOption,
-    MachineArgument,
-    UrlOption,
-    YesOption,
-    command_group,
-    confirm,
-    connect,
-)
+from app.cli.answers import facts, listing, or_nothing, when
+from app.cli.asking import Shown, ThermapClient, asks, calls
+from app.cli.options import MachineArgument, YesOption, command_group, confirm
 from app.cli.terminal import echo
 from app.errors import counted, list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import MachineAnswer, NeededAnswer, SensorSchema
@@ -45,38 +37,28 @@ _WORDS: Final = (
 """Settings that are words, also where they look like numbers."""
 
 
-@machines.callback()
-def _describe() -> None:
-    """List, show, change and delete machines."""
-
-
 @machines.command("list")
-def list_machines(json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
+@asks
+def list_machines() -> Shown:
     """List all machines.
 
     Example: `thermap machines list`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        show(thermap, calls.machines(), machines_view, json=json)
+    return Shown(calls.machines(), machines_view)
 
 
 @machines.command("show")
-def show_machine(
-    machine: MachineArgument, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def show_machine(machine: MachineArgument) -> Shown:
     """Show a machine: its axes, its sensors, what happens outside its maps.
 
     Example: `thermap machines show vmc`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        show(thermap, calls.machine(machine), machine_view, json=json)
+    return Shown(calls.machine(machine), machine_view)
 
 
 @machines.command("needs")
+@asks
 def needed_components(
     machine: MachineArgument,
     preset: Annotated[
@@ -89,29 +71,23 @@ def needed_components(
     tool_length: Annotated[
         float, typer.Option(metavar="MM", help="Tool offset along z [mm].")
     ] = 0.0,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """List the errors that have to be measured, and which of them the model lacks.
 
     Example: `thermap machines needs vmc --preset large-gantry`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        call = calls.needed_components(machine, preset, tool_length)
-        show(thermap, call, needed_view, json=json)
+    return Shown(calls.needed_components(machine, preset, tool_length), needed_view)
 
 
 @machines.command("set")
+@asks
 def set_machine(
+    thermap: ThermapClient,
     machine: MachineArgument,
     changes: Annotated[
         list[str], typer.Argument(metavar="KEY=VALUE…", help="Settings and their new values.")
     ],
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """Change settings of a machine; all of them or, if one is wrong, none.
 
     Keys: `name`, `serial_number`, `configuration`, `out_of_range` (clamp, extrapolate, reject),
@@ -121,31 +97,28 @@ def set_machine(
 
     Example: `thermap machines set vmc out_of_range=extrapolate sensors.x-middle.max_age_s=60`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        patch = patch_of(thermap.machine(machine), changes)
-        show(thermap, calls.change_machine(machine, patch), machine_view, json=json)
+    patch = patch_of(thermap.machine(machine), changes)
+    return Shown(calls.change_machine(machine, patch), machine_view)
 
 
 @machines.command("delete")
+@asks
 def delete_machine(
-    machine: MachineArgument, yes: YesOption = False, url: UrlOption = DEFAULT_URL
+    thermap: ThermapClient, machine: MachineArgument, yes: YesOption = False
 ) -> None:
     """Delete a machine with all its maps, models, readings and verifications.
 
     Example: `thermap machines delete vmc`
     """
-    with connect(url) as thermap:
-        present = thermap.machine(machine)
-        maps = counted(len(thermap.error_maps(machine)), "error map")
-        confirm(
-            f"machine {machine!r} was not deleted",
-            f"Delete {machine!r} ({present.name}) with {maps}, all model versions, readings, "
-            "verifications and analyses?",
-            yes=yes,
-        )
-        thermap.delete_machine(machine)
+    present = thermap.machine(machine)
+    maps = counted(len(thermap.error_maps(machine)), "error map")
+    confirm(
+        f"machine {machine!r} was not deleted",
+        f"Delete {machine!r} ({present.name}) with {maps}, all model versions, readings, "
+        "verifications and analyses?",
+        yes=yes,
+    )
+    thermap.delete_machine(machine)
     echo(f"machine {machine!r} deleted")
 
 

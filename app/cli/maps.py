@@ -9,21 +9,12 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import facts, listing, or_nothing, show_of_machine, temperatures, when
+from app.cli.answers import facts, listing, or_nothing, temperatures, when
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, calls
 from app.cli.models import preview_lines
-from app.cli.options import (
-    JsonOption,
-    MachineOption,
-    UrlOption,
-    YesOption,
-    chosen_machine,
-    command_group,
-    confirm,
-    connect,
-)
+from app.cli.options import YesOption, command_group, confirm
 from app.cli.terminal import echo
 from app.errors import list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import ErrorMapAnswer
@@ -34,48 +25,30 @@ maps = command_group()
 NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The map's number.")]
 
 
-@maps.callback()
-def _describe() -> None:
-    """List, show and delete error maps."""
-
-
 @maps.command("list")
-def list_maps(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def list_maps(machine: ChosenMachine) -> Shown:
     """List a machine's error maps in the order in which they were stored.
 
     Example: `thermap maps list --machine vmc`
     """
-    from thermap import calls
-
-    show_of_machine(url, machine, calls.error_maps, maps_view, json=json)
+    return Shown(calls.error_maps(machine), maps_view)
 
 
 @maps.command("show")
-def show_map(
-    number: NumberArgument,
-    machine: MachineOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+@asks
+def show_map(number: NumberArgument, machine: ChosenMachine) -> Shown:
     """Show an error map: when and how it was measured, at which temperatures, what came out.
 
     Example: `thermap maps show 2 --machine vmc`
     """
-    from thermap import calls
-
-    show_of_machine(
-        url, machine, lambda chosen: calls.error_map(chosen, number), map_view, json=json
-    )
+    return Shown(calls.error_map(machine, number), map_view)
 
 
 @maps.command("delete")
+@asks
 def delete_map(
-    number: NumberArgument,
-    machine: MachineOption = None,
-    yes: YesOption = False,
-    url: UrlOption = DEFAULT_URL,
+    thermap: ThermapClient, number: NumberArgument, machine: ChosenMachine, yes: YesOption = False
 ) -> None:
     """Take an error map out of use; model versions that were made with it keep it.
 
@@ -83,18 +56,16 @@ def delete_map(
 
     Example: `thermap maps delete 2 --machine vmc`
     """
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        label = thermap.error_map(chosen, number).label
-        for line in preview_lines(thermap.preview_map_deletion(chosen, number)):
-            echo(f"without {label!r} tables {line}", err=True)
-        confirm(
-            f"error map {label!r} was not deleted",
-            f"Take error map {label!r} (number {number}) of {chosen!r} out of use?",
-            yes=yes,
-        )
-        thermap.delete_error_map(chosen, number)
-        active = thermap.machine(chosen).active_model
+    label = thermap.error_map(machine, number).label
+    for line in preview_lines(thermap.preview_map_deletion(machine, number)):
+        echo(f"without {label!r} tables {line}", err=True)
+    confirm(
+        f"error map {label!r} was not deleted",
+        f"Take error map {label!r} (number {number}) of {machine!r} out of use?",
+        yes=yes,
+    )
+    thermap.delete_error_map(machine, number)
+    active = thermap.machine(machine).active_model
     echo(f"error map {label!r} is out of use; the active model version is {active}")
 
 

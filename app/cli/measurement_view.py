@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import isnan
 from typing import Final
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from app.cli.answers import listing
 from app.cli.compensate import signed
 from app.geometry.components import COMPONENTS
 from app.pages.report_parts.words import sentence
@@ -41,13 +43,10 @@ def measurement_view(answer: MeasurementAnswer) -> RenderableType:
 
 def components_table(components: Sequence[ComponentAnswer]) -> Table:
     """Lay out components with their extremes, largest standard error and positions."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    for heading in ("component", ""):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("lowest", "highest", "std. error ≤"):
-        table.add_column(heading, justify="right")
-    for heading in ("unit", "positions"):
-        table.add_column(heading, no_wrap=True)
+    table = listing(
+        *("component", "", "lowest", "highest", "std. error ≤", "unit", "positions"),
+        right="LLrrrLL",
+    )
     for entry in components:
         for row in _rows(entry):
             table.add_row(*row)
@@ -56,40 +55,27 @@ def components_table(components: Sequence[ComponentAnswer]) -> Table:
 
 def _rows(entry: ComponentAnswer) -> Iterator[Sequence[str]]:
     """Write a component's rows: one, or one for each direction of approach."""
-    component = COMPONENTS[entry.component]
-    words = (entry.chapter or "", component.unit.symbol)
-    for way, sign in (("", "+"), ("backward_", "-")):
-        values = getattr(entry, way + component.input_field, None)
-        if values is None:
-            continue
-        uncertainty = _largest(getattr(entry, way + component.standard_error_field, None))
-        if not component.is_table:
-            yield entry.component, words[0], signed(values), "", uncertainty, words[1], ""
-            continue
-        is_twofold = getattr(entry, f"backward_{component.input_field}", None) is not None
-        name = f"{entry.component} {sign}" if is_twofold else entry.component
-        over = _range_of(component.axis, entry.positions_mm or [])
-        yield name, words[0], signed(min(values)), signed(max(values)), uncertainty, words[1], over
-
-
-def _largest(standard_errors: Sequence[float] | float | None) -> str:
-    if standard_errors is None:
-        return "–"
-    errors = standard_errors if isinstance(standard_errors, Sequence) else [standard_errors]
-    return f"{max(errors):.2f}"
+    for direction in entry.directions:
+        arrays = entry.to_numpy(direction)
+        name = entry.component if direction == "both" else f"{entry.component} {direction}"
+        least, most = signed(arrays.error.min()), signed(arrays.error.max())
+        over = _range_of(COMPONENTS[entry.component].axis, entry.positions_mm or [])
+        largest = arrays.standard_error.max()
+        uncertainty = "–" if isnan(largest) else f"{largest:.2f}"
+        highest = "" if arrays.positions_mm is None else most
+        yield name, entry.chapter or "", least, highest, uncertainty, arrays.unit, over
 
 
 def _range_of(axis: str | None, positions_mm: Sequence[float]) -> str:
+    if not positions_mm:
+        return ""
     if len(positions_mm) == 1:
         return f"{axis} {positions_mm[0]:g} mm"
     return f"{len(positions_mm)}: {axis} {positions_mm[0]:g} to {positions_mm[-1]:g} mm"
 
 
 def _figures(figures: Mapping[str, float]) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    table.add_column("figure", no_wrap=True)
-    table.add_column("", justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
+    table = listing("figure", "", "", right="LRL")
     for name, value in figures.items():
         table.add_row(name, figure_text(value), unit_of_field(name) or "")
     return table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Final, Protocol
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.console import Group, RenderableType
@@ -14,24 +14,13 @@ from app.cli.answers import (
     followed_sensors,
     listing,
     or_nothing,
-    show,
-    show_of_machine,
     temperatures,
     when,
 )
-from app.cli.options import (
-    JsonOption,
-    MachineOption,
-    UrlOption,
-    VerificationsOption,
-    chosen_machine,
-    chosen_verifications,
-    command_group,
-    connect,
-)
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, calls, loop_calls
+from app.cli.options import VerificationsOption, chosen_verifications, command_group
 from app.errors import counted, list_names
 from app.pages.report_parts.words import sentence
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -42,6 +31,7 @@ if TYPE_CHECKING:
         ComponentChangeAnswer,
         CoverageAnswer,
         ModelAnswer,
+        ModelChange,
         ModelComparisonAnswer,
         PreviewAnswer,
         SizeAnswer,
@@ -60,91 +50,60 @@ MOST_SENSORS: Final = 4
 """Sensors whose temperature is named beside a change."""
 
 
-@models.callback()
-def _describe() -> None:
-    """List, show, activate and compare model versions."""
-
-
 @models.command("list")
-def list_models(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def list_models(machine: ChosenMachine) -> Shown:
     """List a machine's model versions, oldest first.
 
     Example: `thermap models list --machine vmc`
     """
-    from thermap import calls
-
-    show_of_machine(url, machine, calls.models, models_view, json=json)
+    return Shown(calls.models(machine), models_view)
 
 
 @models.command("show")
-def show_model(
-    version: VersionArgument,
-    machine: MachineOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+@asks
+def show_model(version: VersionArgument, machine: ChosenMachine) -> Shown:
     """Show a model version: its maps, which sensors components follow, adopted effects.
 
     Example: `thermap models show 3 --machine vmc`
     """
-    from thermap import calls
-
-    show_of_machine(
-        url, machine, lambda chosen: calls.model(chosen, version), model_view, json=json
-    )
+    return Shown(calls.model(machine, version), model_view)
 
 
 @models.command("activate")
-def activate_model(
-    version: VersionArgument,
-    machine: MachineOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+@asks
+def activate_model(version: VersionArgument, machine: ChosenMachine) -> Shown:
     """Compute compensation tables with this version from now on.
 
     Example: `thermap models activate 2 --machine vmc`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        show(
-            thermap,
-            calls.activate_model(chosen, version),
-            lambda now: Group(
-                Text(f"model version {now.version} of {chosen!r} is active: {now.reason}"),
-                *map(Text, difference_lines(now)),
-            ),
-            json=json,
-        )
+    return Shown(
+        calls.activate_model(machine, version),
+        lambda now: Group(
+            Text(f"model version {now.version} of {machine!r} is active: {now.reason}"),
+            *map(Text, difference_lines(now)),
+        ),
+    )
 
 
 @models.command("compare")
+@asks
 def compare_models(
+    thermap: ThermapClient,
     versions: Annotated[
         list[int], typer.Argument(metavar="VERSION VERSION…", help="Numbers of the versions.")
     ],
+    machine: ChosenMachine,
     verification: VerificationsOption = None,
-    machine: MachineOption = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """Hold model versions against the same verifications, and show what each leaves.
 
     Example: `thermap models compare 1 3 --machine vmc`
     """
-    from thermap import loop_calls
-
     if len(versions) < 2:
         raise typer.BadParameter("expected two versions or more, got one", param_hint="VERSION")
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        verifications = chosen_verifications(thermap, chosen, verification)
-        call = loop_calls.compare_models(chosen, verifications, versions)
-        show(thermap, call, comparison_view, json=json)
+    verifications = chosen_verifications(thermap, machine, verification)
+    return Shown(loop_calls.compare_models(machine, verifications, versions), comparison_view)
 
 
 def models_view(found: Sequence[ModelAnswer]) -> RenderableType:
@@ -227,34 +186,6 @@ def _sizes(comparison: ModelComparisonAnswer) -> Iterator[tuple[str, Sequence[Si
     overall = [version.overall for version in comparison.versions if version.overall is not None]
     if len(overall) == len(comparison.versions):
         yield "all lengths", overall
-
-
-class ModelChange(Protocol):
-    """What every answer says that may have made a model version."""
-
-    @property
-    def model_version(self) -> int | None:
-        """The version that was made."""
-
-    @property
-    def activated(self) -> bool | None:
-        """Whether tables follow it already."""
-
-    @property
-    def loses(self) -> Sequence[CoverageAnswer]:
-        """What tables lose by it."""
-
-    @property
-    def gains(self) -> Sequence[CoverageAnswer]:
-        """What they gain."""
-
-    @property
-    def waited_before(self) -> WaitedBeforeAnswer | None:
-        """The version that waited already."""
-
-    @property
-    def stays_active(self) -> int | None:
-        """The version that stays active while this one waits."""
 
 
 def preview_lines(preview: PreviewAnswer) -> Iterator[str]:

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, when
-from app.cli.options import JsonOption, UrlOption, connect
+from app.cli.answers import listing, or_nothing, when
+from app.cli.asking import Shown, ThermapClient, asks, calls
 from app.cli.terminal import complain, echo
 from app.errors import list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from thermap import ThermapClient
     from thermap.answers import Receiver, Receivers
 
 PATIENCE_S: Final = 60.0
@@ -29,39 +27,33 @@ notify = typer.Typer(invoke_without_command=True, add_completion=False, rich_mar
 
 
 @notify.callback()
-def who_is_told(ctx: typer.Context, json: JsonOption = False, url: UrlOption = DEFAULT_URL) -> None:
+@asks
+def who_is_told(ctx: typer.Context) -> Shown | None:
     """Show who is told of alarms and how that went, or send a test message.
 
     Example: `thermap notify`, `thermap notify test maintenance`
     """
     if ctx.invoked_subcommand is not None:
-        return
-    from thermap import calls
-
-    with connect(url) as thermap:
-        show(thermap, calls.receivers(), receivers_view, json=json)
+        return None
+    return Shown(calls.receivers(), receivers_view)
 
 
 @notify.command("test")
+@asks
 def send_test(
+    thermap: ThermapClient,
     name: Annotated[str | None, typer.Argument(metavar="NAME", show_default="all of them")] = None,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Send a test message, and wait for whether it arrived; exit code 1 where it did not.
 
     Example: `thermap notify test maintenance`
     """
-    with connect(url) as thermap:
-        names = (
-            [receiver.name for receiver in thermap.receivers().receivers]
-            if name is None
-            else [name]
-        )
-        if not names:
-            complain("there is no receiver: [[notify]] in the file of `thermap serve --config`")
-            raise typer.Exit(1)
-        failed = [receiver_name for receiver_name in names if not _arrives(thermap, receiver_name)]
-    if failed:
+    names = [r.name for r in thermap.receivers().receivers] if name is None else [name]
+    if not names:
+        complain("there is no receiver: [[notify]] in the file of `thermap serve --config`")
+        raise typer.Exit(1)
+    arrived = [_arrives(thermap, receiver_name) for receiver_name in names]
+    if not all(arrived):
         raise typer.Exit(1)
 
 

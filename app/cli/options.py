@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, TypeAlias
 
 import typer
 
@@ -20,6 +21,109 @@ from thermap import DEFAULT_URL, URL_VARIABLE
 
 if TYPE_CHECKING:
     from thermap import ThermapClient
+
+
+if TYPE_CHECKING:
+    Named: TypeAlias = Mapping[str, Any]
+    """Values of an option that is stated as `NAME=VALUE`, once for each."""
+    Numbers: TypeAlias = Sequence[float]
+    """Numbers of an option that is stated with commas between them."""
+else:
+    Named, Numbers = list[Any], Any
+
+
+class _Pair(NamedTuple):
+    name: str
+    value: Any
+
+
+def named(
+    expected: str, read: Callable[[str], Any] = str, *, first: bool = False
+) -> Callable[[str], _Pair]:
+    """Make what reads one `NAME=VALUE`.
+
+    Parameters
+    ----------
+    expected
+        The form and what the value is, for the message.
+    read
+        Reads the value; None of what is none.
+    first
+        Whether the value follows the first `=`; else the last.
+    """
+
+    def read_pair(text: str) -> _Pair:
+        split = text.partition("=") if first else text.rpartition("=")
+        name, equals, written = (part.strip() for part in split)
+        value = read(written) if written else None
+        if not name or not equals or value is None:
+            raise typer.BadParameter(f"expected {expected}, got {text!r}")
+        return _Pair(name, value)
+
+    return read_pair
+
+
+def named_option(what: str, help: str, *names: str, **more: Any) -> Any:
+    """Make an option that takes `NAME=NUMBER`, and says `what` the number is."""
+    parser = named(f"NAME=NUMBER with {what}", read_number)
+    return typer.Option(*names, parser=parser, help=help, **more)
+
+
+def by_name(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Index the pairs of each option by their names.
+
+    Raises
+    ------
+    typer.BadParameter
+        If one name is stated twice.
+    """
+    together = dict(stated)
+    for option, pairs in stated.items():
+        if isinstance(pairs, list) and all(isinstance(pair, _Pair) for pair in pairs):
+            names = Counter(pair.name for pair in pairs)
+            if twice := [name for name, n in names.items() if n > 1]:
+                raise typer.BadParameter(
+                    f"{list_names(twice)} is stated twice", param_hint=f"--{option}"
+                )
+            together[option] = dict(pairs)
+    return together
+
+
+def point_option(help: str, *names: str, such_as: str = "50,50,40") -> Any:
+    """Make an option that takes a point in mm."""
+    parser = numbers(f"X,Y,Z in mm, such as {such_as}", 3)
+    return typer.Option(*names, metavar="X,Y,Z", parser=parser, help=help)
+
+
+def numbers(expected: str, count: int | None = None) -> Callable[[str], list[float]]:
+    """Make what reads so many numbers, or any, with commas between them.
+
+    >>> numbers("X,Y,Z in mm, such as 0,0,160", 3)("0,0,-12.5")
+    [0.0, 0.0, -12.5]
+    """
+
+    def read_numbers(text: str) -> list[float]:
+        read = [read_number(part, decimal_comma=False) for part in text.split(",")]
+        finite = [number for number in read if number is not None]
+        if len(finite) != (count or len(read)) or len(read) != len(finite):
+            raise typer.BadParameter(f"expected {expected}, got {text!r}")
+        return finite
+
+    return read_numbers
+
+
+def page_option(help: str) -> Any:
+    """Make an option that takes a page's file; one that could not be written is refused."""
+    return typer.Option("--output", "-o", metavar="FILE.html", parser=_page, help=help)
+
+
+def _page(text: str) -> Path:
+    output = Path(text)
+    if output.suffix.lower() != ".html":
+        raise typer.BadParameter(f"expected a file that ends in .html, got {text!r}")
+    if not output.absolute().parent.is_dir():
+        raise typer.BadParameter(f"cannot write {output}: there is no such folder")
+    return output
 
 
 def _own_database() -> str:
@@ -66,23 +170,18 @@ UrlOption = Annotated[
     str, typer.Option("--url", envvar=URL_VARIABLE, metavar="URL", help="Where the service is.")
 ]
 TemperatureOption = Annotated[
-    list[str] | None,
-    typer.Option(
+    Named | None,
+    named_option(
+        "a temperature in °C",
+        "Temperature of one sensor in °C, such as x-middle=24.1; once for each sensor.",
         "--temperature",
         "-t",
-        envvar="THERMAP_TEMPERATURES",
         metavar="SENSOR=°C",
-        help="Temperature of one sensor in °C, such as x-middle=24.1; once for each sensor.",
+        envvar="THERMAP_TEMPERATURES",
     ),
 ]
 ReportOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        metavar="FILE.html",
-        help="Write the report, a page that needs no internet.",
-    ),
+    Path | None, page_option("Write the report, a page that needs no internet.")
 ]
 VisitsOption = Annotated[
     Path | None,
@@ -109,6 +208,17 @@ class NotConfirmed(ThermapError):
 def command_group() -> typer.Typer:
     """Make a group of commands, such as `thermap machines`."""
     return typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="markdown")
+
+
+def refuse_if(is_wrong: object, words: str, option: str) -> None:
+    """Refuse options that do not go together as wrong usage."""
+    if is_wrong:
+        raise typer.BadParameter(words, param_hint=option)
+
+
+def is_typed(ctx: typer.Context, option: str) -> bool:
+    """Say whether an option was typed, and does not come from the environment."""
+    return getattr(ctx.get_parameter_source(option), "name", "") == "COMMANDLINE"
 
 
 def connect(url: str = DEFAULT_URL) -> ThermapClient:
@@ -181,18 +291,6 @@ def confirm(what: str, question: str, *, yes: bool) -> None:
         raise NotConfirmed(what)
 
 
-def expect_page(output: Path) -> None:
-    """Refuse a page's file that could not be written, before the work for it is done."""
-    if output.suffix.lower() != ".html":
-        raise typer.BadParameter(
-            f"expected a file that ends in .html, got {str(output)!r}", param_hint="--output"
-        )
-    if not output.absolute().parent.is_dir():
-        raise typer.BadParameter(
-            f"cannot write {output}: there is no such folder", param_hint="--output"
-        )
-
-
 def label_of(output: Path, named: str | None) -> str:
     """Give the label that a simulated file states: its own name, unless another is stated.
 
@@ -250,33 +348,6 @@ def _each(value: object) -> Iterable[object]:
     return value if isinstance(value, list) else [value]
 
 
-def read_named_numbers(texts: Iterable[str] | None, option: str, what: str) -> dict[str, float]:
-    """Read `NAME=NUMBER` as often as it is stated.
-
-    Parameters
-    ----------
-    what
-        What the number is, for the message: `a temperature in °C`.
-
-    Raises
-    ------
-    typer.BadParameter
-        If a value is not of this form, or a name is stated twice.
-    """
-    by_name: dict[str, float] = {}
-    for text in texts or ():
-        name, equals, written = (part.strip() for part in text.rpartition("="))
-        number = read_number(written)
-        if not name or not equals or number is None:
-            raise typer.BadParameter(
-                f"expected NAME=NUMBER with {what}, got {text!r}", param_hint=option
-            )
-        if name in by_name:
-            raise typer.BadParameter(f"{name} is stated twice", param_hint=option)
-        by_name[name] = number
-    return by_name
-
-
 def time_option(name: str, help: str, **more: Any) -> Any:
     """Make an option that takes a time."""
     return typer.Option(name, metavar="TIME", parser=read_time, help=help, **more)
@@ -299,26 +370,6 @@ def read_time(text: str) -> datetime:
         raise typer.BadParameter(
             f"expected a time with its zone such as 2026-03-01T06:00:00Z, got {text!r}"
         ) from None
-
-
-def read_point(text: str, option: str, example: str) -> list[float]:
-    """Read `X,Y,Z` in mm.
-
-    Raises
-    ------
-    typer.BadParameter
-        If it is something else.
-
-    >>> read_point("0,0,-12.5", "--tool", "0,0,160")
-    [0.0, 0.0, -12.5]
-    """
-    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
-    coordinates = [number for number in numbers if number is not None]
-    if len(numbers) != 3 or len(coordinates) != 3:
-        raise typer.BadParameter(
-            f"expected X,Y,Z in mm, such as {example}, got {text!r}", param_hint=option
-        )
-    return coordinates
 
 
 _OPTIONS: Final = {
@@ -352,9 +403,10 @@ def in_options() -> Iterator[None]:
 
 
 ToolOption = Annotated[
-    str,
-    typer.Option("--tool", metavar="X,Y,Z", help="Tool offset in mm, such as 0,0,160."),
+    Numbers,
+    point_option("Tool offset in mm, such as 0,0,160.", "--tool", such_as="0,0,160"),
 ]
+NO_OFFSET: Any = "0,0,0"
 MissingOption = Annotated[
     bool,
     typer.Option(
@@ -364,7 +416,7 @@ MissingOption = Annotated[
 
 
 def field_question(
-    temperature: Iterable[str] | None, tool: str, missing_as_zero: bool
+    temperature: Named | None, tool: Numbers, missing_as_zero: bool
 ) -> dict[str, Any]:
     """Write what questions about the machine in three dimensions share.
 
@@ -372,15 +424,9 @@ def field_question(
     ----------
     temperature, tool, missing_as_zero
         Values of the options; without a temperature the latest reading is meant.
-
-    Raises
-    ------
-    typer.BadParameter
-        If a value cannot be read.
     """
     question: dict[str, Any] = {
-        "tool_offset_mm": read_point(tool, "--tool", "0,0,160"),
+        "tool_offset_mm": tool,
         "missing_components": "zero" if missing_as_zero else "refuse",
     }
-    temperatures_c = read_named_numbers(temperature, "--temperature", "a temperature in °C")
-    return question | ({"temperatures_c": temperatures_c} if temperatures_c else {})
+    return question | ({"temperatures_c": temperature} if temperature else {})

@@ -12,23 +12,23 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from app.cli.answers import show_view
+from app.cli.asking import ThermapClient, asks
 from app.cli.options import (
+    NO_OFFSET,
     MachineArgument,
     MissingOption,
     TemperatureOption,
     ToolOption,
-    UrlOption,
-    connect,
     field_question,
-    in_options,
     write_file,
 )
 from app.pages.picture_page import picture_page
 from app.pages.plotly_script import INLINE
-from thermap import DEFAULT_URL
 
 
+@asks
 def picture(
+    thermap: ThermapClient,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -40,7 +40,7 @@ def picture(
         ),
     ],
     temperature: TemperatureOption = None,
-    tool: ToolOption = "0,0,0",
+    tool: ToolOption = NO_OFFSET,
     exaggeration: Annotated[
         float | None,
         typer.Option(
@@ -48,7 +48,6 @@ def picture(
         ),
     ] = None,
     missing_as_zero: MissingOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Draw the work volume with exaggerated errors: at these temperatures, or as it is now.
 
@@ -62,8 +61,7 @@ def picture(
     question = field_question(temperature, tool, missing_as_zero)
     if exaggeration is not None:
         question["exaggeration"] = exaggeration
-    with connect(url) as thermap, in_options():
-        figure = thermap.picture(machine, question)
+    figure = thermap.picture(machine, question)
     write_file(output, _written(figure, output.suffix.lower()))
     show_view(_view(output, figure["layout"]["meta"]))
 

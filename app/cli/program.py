@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
-from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import typer
 
+from app.cli.asking import parameters_of, with_parameters
 from app.cli.check_files import look_at_visits
 from app.cli.controllers import write_files
 from app.cli.options import (
     MachineArgument,
+    Named,
+    Numbers,
     UrlOption,
+    by_name,
     command_group,
     connect,
-    read_named_numbers,
-    read_point,
+    named_option,
+    numbers,
+    point_option,
     time_option,
 )
 from app.cli.terminal import echo
@@ -74,34 +77,34 @@ WindowOption = Annotated[
         "--window", metavar="MM", help="Tolerance of an instrument that triggers itself, ±."
     ),
 ]
+_POSITIONS: Final = numbers("positions in mm such as 0,100,250.5")
+
 RetractOption = Annotated[
-    list[str] | None,
-    typer.Option(
+    Named | None,
+    named_option(
+        "a position in mm",
+        "Where an axis is out of the way; in this order. Default: z at its highest.",
         "--retract",
         metavar="AXIS=MM",
-        help="Where an axis is out of the way; in this order. Default: z at its highest.",
     ),
 ]
 LineOption = Annotated[
-    list[str] | None,
-    typer.Option(
+    Named | None,
+    named_option(
+        "a position in mm",
+        "Where another axis stands; the middle of its travel if not stated.",
         "--line",
         metavar="AXIS=MM",
-        help="Where another axis stands; the middle of its travel if not stated.",
     ),
 ]
 StepsOption = Annotated[int, typer.Option("--steps", help="Steps of each axis.")]
 OriginOption = Annotated[
-    str | None,
-    typer.Option(
-        "--origin", metavar="X,Y,Z", help="Lowest corner in mm; that of the travel if not stated."
-    ),
+    Numbers | None,
+    point_option("Lowest corner in mm; that of the travel if not stated.", "--origin"),
 ]
 StepOption = Annotated[
-    str | None,
-    typer.Option(
-        "--step", metavar="X,Y,Z", help="Each axis' step in mm; over the travel if not stated."
-    ),
+    Numbers | None,
+    point_option("Each axis' step in mm; over the travel if not stated.", "--step"),
 ]
 
 EveryOption = Annotated[
@@ -110,11 +113,25 @@ EveryOption = Annotated[
 StartOption = Annotated[
     datetime | None, time_option("--start", "Planned start, for the readings' times.")
 ]
-AxisOption = Annotated[str, typer.Option("--axis", help="x, y or z.")]
+AxisOption = Annotated[str, typer.Option("--axis", parser=str.lower, help="x, y or z.")]
 
 _MANNER: Final = Manner()
 
+Step = TypeVar("Step")
+
 program = command_group()
+
+
+def _steps(step: Callable[[float, float], Step], expected: str) -> Callable[[str], Step]:
+    """Make what reads a speed and its minutes, `4000=60`; a speed may come twice."""
+
+    def read(text: str) -> Step:
+        speed, minutes = map(read_number, text.rpartition("=")[::2])
+        if speed is None or minutes is None:
+            raise typer.BadParameter(f"expected {expected}, got {text!r}")
+        return step(speed, minutes)
+
+    return read
 
 
 @program.callback()
@@ -126,22 +143,17 @@ def _describe() -> None:
     """
 
 
-@dataclass(frozen=True, slots=True)
-class _WrittenFile:
-    name: str
-    content: str
-
-
 def _writes(make: Callable[..., MeasuringProgram]) -> Callable[..., None]:
     """Make a command of what makes a program: all of them share how it is written and how moved.
 
     The command takes the options of `make`, but for its `machine` and `manner`, and those that
     `_machine_and_manner` and `_write` read.
     """
-    method_options = [p for p in _options(make) if p.name not in ("machine", "manner")]
-    moved, written = _options(_machine_and_manner), _options(_write)[1:]
+    method_options = [p for p in parameters_of(make) if p.name not in ("machine", "manner")]
+    moved, written = parameters_of(_machine_and_manner), parameters_of(_write)[1:]
 
-    def command(**values: Any) -> None:
+    def command(**stated: Any) -> None:
+        values = by_name(stated)
         machine, manner = _machine_and_manner(**{p.name: values[p.name] for p in moved})
         measuring_program = make(
             machine, manner, **{p.name: values[p.name] for p in method_options}
@@ -151,15 +163,7 @@ def _writes(make: Callable[..., MeasuringProgram]) -> Callable[..., None]:
     (argument, *options) = moved
     named = {p.name for p in method_options}
     options = [p for p in options if p.name not in named]
-    command.__doc__ = make.__doc__
-    command.__signature__ = Signature([argument, *method_options, *written, *options])  # type: ignore[attr-defined]
-    return command
-
-
-def _options(function: Callable[..., object]) -> list[Parameter]:
-    """Give a function's parameters; by their names, so that any may have a default."""
-    parameters = signature(function, eval_str=True).parameters.values()
-    return [parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in parameters]
+    return with_parameters(command, make, [argument, *method_options, *written, *options])
 
 
 def _machine_and_manner(
@@ -172,8 +176,7 @@ def _machine_and_manner(
     retract: RetractOption = None,
     url: UrlOption = DEFAULT_URL,
 ) -> tuple[Machine, Manner]:
-    places = read_named_numbers(retract, "--retract", "a position in mm")
-    manner = Manner(feed, dwell, reading, overrun, window, places or None)
+    manner = Manner(feed, dwell, reading, overrun, window, retract or None)
     with connect(url) as thermap:
         content = thermap.content(calls.machine(machine))
     return MACHINE.validate_json(content, extra="ignore"), manner
@@ -187,10 +190,11 @@ def _write(
 ) -> None:
     """Write both files, or none, and say what they are for."""
     dialect = dialect_named(controller)
-    files = [
-        _WrittenFile(f"{measuring_program.name}{dialect.suffix}", dialect.write(measuring_program)),
-        _WrittenFile(f"{measuring_program.name}.csv", measuring_program.readings.content),
-    ]
+    readings = f"{measuring_program.name}.csv"
+    files = {
+        f"{measuring_program.name}{dialect.suffix}": dialect.write(measuring_program),
+        readings: measuring_program.readings.content,
+    }
     if output is not None:
         write_files(output, files, overwrite=overwrite)
     stops = sum(isinstance(block, Stop) for block in measuring_program.blocks)
@@ -207,13 +211,13 @@ def _write(
     )
     for note in measuring_program.notes:
         echo(f"note: {note}", err=True)
-    names = list_names(file.name for file in files)
+    names = list_names(files)
     if output is None:
         echo(f"{names}: written nowhere: state --output FOLDER")
         return
     echo(f"{names}: written to {output}")
-    command = measuring_program.readings.command.replace("FILE", str(output / files[1].name))
-    echo(f"fill in {files[1].name}, then: {command}")
+    command = measuring_program.readings.command.replace("FILE", str(output / readings))
+    echo(f"fill in {readings}, then: {command}")
 
 
 @program.command("positioning")
@@ -229,8 +233,13 @@ def write_positioning(
         ),
     ] = None,
     at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="MM,MM,…", help="These targets instead of chosen ones."),
+        Numbers | None,
+        typer.Option(
+            "--at",
+            metavar="MM,MM,…",
+            parser=_POSITIONS,
+            help="These targets instead of chosen ones.",
+        ),
     ] = None,
     runs: Annotated[int, typer.Option("--runs", help="In each direction.")] = RUNS_OF_THE_STANDARD,
     line: LineOption = None,
@@ -248,11 +257,11 @@ def write_positioning(
     return positioning_program(
         machine,
         manner,
-        axis.lower(),
-        targets_mm=None if at is None else _numbers(at, "--at"),
+        axis,
+        targets_mm=at,
         count=targets,
         runs=runs,
-        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        line_mm=line,
         seed=seed,
     )
 
@@ -274,8 +283,8 @@ def write_step_diagonal(
         machine,
         manner,
         steps=steps,
-        origin_mm=_point(origin, "--origin"),
-        step_mm=_point(step, "--step"),
+        origin_mm=origin,
+        step_mm=step,
     )
 
 
@@ -298,8 +307,8 @@ def write_body_diagonal(
         manner,
         steps=steps,
         runs=runs,
-        origin_mm=_point(origin, "--origin"),
-        step_mm=_point(step, "--step"),
+        origin_mm=origin,
+        step_mm=step,
     )
 
 
@@ -309,12 +318,17 @@ def write_warm_up(
     machine: Machine,
     manner: Manner,
     spindle: Annotated[
-        list[str],
-        typer.Option("--spindle", metavar="RPM=MIN", help="A spindle step; in this order."),
+        list[Any],
+        typer.Option(
+            "--spindle",
+            metavar="RPM=MIN",
+            parser=_steps(SpindleStep, "RPM=MIN such as 4000=60"),
+            help="A spindle step; in this order.",
+        ),
     ],
     place: Annotated[
-        list[str],
-        typer.Option("--place", metavar="X,Y,Z", help="A measuring position; once for each."),
+        list[Any],
+        point_option("A measuring position; once for each.", "--place", such_as="250,200,100"),
     ],
     cooling: Annotated[
         float, typer.Option("--cooling", metavar="MIN", help="With the spindle stopped, after it.")
@@ -346,13 +360,12 @@ def write_warm_up(
     Example: `thermap program warm-up mcfv5050 -c linuxcnc --spindle 4000=60 --spindle 8000=60
     --cooling 90 --place 250,200,100 --output warm-up`
     """
-    steps = [SpindleStep(*_step(text, "--spindle", "RPM=MIN such as 4000=60")) for text in spindle]
-    steps += [SpindleStep(0.0, cooling)] if cooling else []
+    steps = [*spindle, *([SpindleStep(0.0, cooling)] if cooling else [])]
     return warm_up_program(
         machine,
         manner,
         steps,
-        [read_point(text, "--place", "250,200,100") for text in place],
+        place,
         every_min=every,
         spin_down_s=spin_down,
         in_place=in_place,
@@ -368,9 +381,12 @@ def write_moving_axis(
     manner: Manner,
     axis: AxisOption,
     moving: Annotated[
-        list[str],
+        list[Any],
         typer.Option(
-            "--moving", metavar="MM/MIN=MIN", help="Back and forth at a feed; in this order."
+            "--moving",
+            metavar="MM/MIN=MIN",
+            parser=_steps(MotionStep, "MM/MIN=MIN such as 15000=60"),
+            help="Back and forth at a feed; in this order.",
         ),
     ],
     cooling: Annotated[
@@ -387,10 +403,11 @@ def write_moving_axis(
         float | None, typer.Option("--to", metavar="MM", help="Highest position; likewise.")
     ] = None,
     at: Annotated[
-        str | None,
+        Numbers | None,
         typer.Option(
             "--at",
             metavar="MM,MM,…",
+            parser=_POSITIONS,
             help="Where it is read; the ends of the motion and its middle otherwise.",
         ),
     ] = None,
@@ -402,17 +419,16 @@ def write_moving_axis(
     Example: `thermap program moving-axis mcfv5050 -c siemens --axis x --moving 15000=60
     --cooling 90 --from 50 --to 450 --output x-warm`
     """
-    steps = [MotionStep(*_step(text, "--moving", "MM/MIN=MIN such as 15000=60")) for text in moving]
-    steps += [MotionStep(0.0, cooling)] if cooling else []
+    steps = [*moving, *([MotionStep(0.0, cooling)] if cooling else [])]
     return moving_axis_program(
         machine,
         manner,
-        axis.lower(),
+        axis,
         steps,
         between_mm=(begin, end),
-        targets_mm=None if at is None else _numbers(at, "--at"),
+        targets_mm=at,
         every_min=every,
-        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        line_mm=line,
         start_s=None if start is None else start.timestamp(),
     )
 
@@ -439,28 +455,5 @@ def write_visit(
         machine,
         manner,
         visit.planned.to_verification(),
-        line_mm=read_named_numbers(line, "--line", "a position in mm"),
+        line_mm=line,
     )
-
-
-def _numbers(text: str, option: str) -> list[float]:
-    numbers = [read_number(part, decimal_comma=False) for part in text.split(",")]
-    finite = [number for number in numbers if number is not None]
-    if len(finite) < len(numbers):
-        raise typer.BadParameter(
-            f"expected positions in mm such as 0,100,250.5, got {text!r}", param_hint=option
-        )
-    return finite
-
-
-def _point(text: str | None, option: str) -> list[float] | None:
-    return None if text is None else read_point(text, option, "50,50,40")
-
-
-def _step(text: str, option: str, expected: str) -> tuple[float, float]:
-    """Read a speed and its minutes, `4000=60`; a speed may come twice."""
-    ((speed, minutes),) = read_named_numbers([text], option, "minutes").items()
-    number = read_number(speed)
-    if number is None:
-        raise typer.BadParameter(f"expected {expected}, got {text!r}", param_hint=option)
-    return number, minutes

@@ -10,22 +10,12 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, show, temperatures, when
-from app.cli.options import (
-    JsonOption,
-    MachineOption,
-    UrlOption,
-    YesOption,
-    chosen_machine,
-    command_group,
-    confirm,
-    connect,
-    time_option,
-)
+from app.cli.answers import listing, temperatures, when
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, calls
+from app.cli.options import YesOption, command_group, confirm, time_option
 from app.cli.terminal import echo
 from app.errors import counted
 from app.units import exact_time
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import ReadingSchema, WithdrawnReadingAnswer
@@ -39,14 +29,10 @@ MOST_COUNTED: Final = 10_000
 """Before they are withdrawn, readings are counted so far."""
 
 
-@readings.callback()
-def _describe() -> None:
-    """List and withdraw the temperatures that came."""
-
-
 @readings.command("list")
+@asks
 def list_readings(
-    machine: MachineOption = None,
+    machine: ChosenMachine,
     since: Annotated[
         datetime | None,
         time_option(
@@ -69,31 +55,26 @@ def list_readings(
             help="Those that were withdrawn, all of them, and when; --every-s does not apply.",
         ),
     ] = False,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """List readings in order of time: the last hour, one a minute, if nothing is stated.
 
     Example: `thermap readings list --machine vmc --from 2026-03-01T06:00:00Z --every-s 600`
     """
-    from thermap import calls
-
     if withdrawn:
-        with connect(url) as thermap:
-            of_machine = calls.withdrawn_readings(
-                chosen_machine(thermap, machine), since, until, limit
-            )
-            show(thermap, of_machine, lambda answer: withdrawn_view(answer, limit), json=json)
-        return
+        call = calls.withdrawn_readings(machine, since, until, limit)
+        return Shown(call, lambda answer: withdrawn_view(answer, limit))
     first = since or datetime.now(UTC) - USUAL_SPAN
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        call = calls.readings(chosen, first, until, every_s, limit)
-        show(thermap, call, lambda answer: readings_view(answer, first, limit), json=json)
+    return Shown(
+        calls.readings(machine, first, until, every_s, limit),
+        lambda answer: readings_view(answer, first, limit),
+    )
 
 
 @readings.command("withdraw")
+@asks
 def withdraw(
+    thermap: ThermapClient,
+    machine: ChosenMachine,
     time: Annotated[
         datetime | None,
         time_option("--time", "The one reading of exactly this time, ISO 8601 with its zone."),
@@ -104,9 +85,7 @@ def withdraw(
     until: Annotated[
         datetime | None, time_option("--to", "All up to this time, with --from.")
     ] = None,
-    machine: MachineOption = None,
     yes: YesOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Take readings out of use: they count in no table, prediction or analysis any more.
 
@@ -115,24 +94,20 @@ def withdraw(
     Example: `thermap readings withdraw --machine vmc --time 2026-03-01T06:00:00Z`
     """
     first, last = _span(time, since, until)
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        number = len(thermap.readings(chosen, first, last, limit=MOST_COUNTED))
-        what = counted(number, "reading") + (" or more" if number == MOST_COUNTED else "")
-        when = (
-            f"of {exact_time(first)}" if time else f"from {exact_time(first)} to {exact_time(last)}"
-        )
-        are = "was" if number == 1 else "were"
-        confirm(
-            f"{what} of {chosen!r} {are} not withdrawn",
-            f"Withdraw {what} of {chosen!r} {when}?",
-            yes=yes,
-        )
-        done = (
-            thermap.withdraw_reading(chosen, first)
-            if time
-            else thermap.withdraw_readings(chosen, first, last)
-        )
+    number = len(thermap.readings(machine, first, last, limit=MOST_COUNTED))
+    what = counted(number, "reading") + (" or more" if number == MOST_COUNTED else "")
+    when = f"of {exact_time(first)}" if time else f"from {exact_time(first)} to {exact_time(last)}"
+    are = "was" if number == 1 else "were"
+    confirm(
+        f"{what} of {machine!r} {are} not withdrawn",
+        f"Withdraw {what} of {machine!r} {when}?",
+        yes=yes,
+    )
+    done = (
+        thermap.withdraw_reading(machine, first)
+        if time
+        else thermap.withdraw_readings(machine, first, last)
+    )
     echo(f"{counted(done.withdrawn, 'reading')} {when} withdrawn")
 
 
@@ -164,8 +139,8 @@ def readings_view(found: Sequence[ReadingSchema], first: datetime, limit: int) -
     if not found:
         return Text(f"no reading since {first:%Y-%m-%d %H:%M:%S} UTC; --from reaches further back")
     has_state = any(one.state for one in found)
-    table = listing("time [UTC]", "temperatures [°C]", *(["state"] if has_state else []))
-    table.columns[0].no_wrap = True
+    headings = ("time [UTC]", "temperatures [°C]", *(["state"] if has_state else []))
+    table = listing(*headings, right="L")
     for reading in found:
         state = ", ".join(f"{name} {value:g}" for name, value in reading.state.items())
         cells = [_seconds(reading.time), temperatures(reading.temperatures_c)]
@@ -177,8 +152,7 @@ def withdrawn_view(found: Sequence[WithdrawnReadingAnswer], limit: int) -> Rende
     """Lay out readings that were withdrawn; as many as the limit may not be all."""
     if not found:
         return Text("no reading was withdrawn")
-    table = listing("time [UTC]", "withdrawn [UTC]", "temperatures [°C]")
-    table.columns[0].no_wrap = True
+    table = listing("time [UTC]", "withdrawn [UTC]", "temperatures [°C]", right="L")
     for reading in found:
         table.add_row(
             _seconds(reading.time), when(reading.withdrawn_at), temperatures(reading.temperatures_c)

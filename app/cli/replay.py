@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from enum import StrEnum
@@ -19,29 +18,24 @@ from typing import Annotated, Final
 
 import numpy as np
 import typer
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
+from rich.console import Group, RenderableType
+from rich.progress import MofNCompleteColumn, TimeRemainingColumn
+from rich.text import Text
 
 from app.arrays import FloatArray
+from app.cli.answers import listing
+from app.cli.asking import ThermapClient, asks
 from app.cli.compensate import evenly_chosen, signed
-from app.cli.console import console
-from app.cli.options import MachineArgument, UrlOption, connect, time_option
+from app.cli.console import console, progress_bar
+from app.cli.options import MachineArgument, Named, named, time_option
 from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.files.recording import TIME_COLUMNS, Recording, is_state, read_recording
-from app.geometry.components import COMPONENTS
 from app.live.reading_window import kept_spacing_s
 from app.thermal.machine import Sensor
 from app.thermal.sensor_health import CLEARLY
 from app.units import SECONDS_PER_MIN
-from thermap import DEFAULT_URL, ConflictError, InvalidContentError, ThermapClient
+from thermap import ConflictError, InvalidContentError
 from thermap.answers import CompensationAnswer, MachineAnswer, ReadingSchema, SensorSchema
 
 _LONGEST_SLEEP_S = 0.2
@@ -52,14 +46,22 @@ SAMPLES: Final = 60
 """Tables that are asked for over a replay; the temperatures change slowly."""
 
 
+def _zone(text: str) -> tzinfo:
+    try:
+        return datetime.fromisoformat(f"2000-01-01T00:00:00{text}").tzinfo or UTC
+    except ValueError:
+        raise typer.BadParameter(f"expected an offset such as +01:00, got {text!r}") from None
+
+
+@asks
 def replay(
+    thermap: ThermapClient,
     machine: MachineArgument,
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Recorded temperatures in °C.")],
     speed: Annotated[
         float,
         typer.Option(min=0.0, help="Times faster than recorded; 0: all at once."),
     ] = 60.0,
-    fast: Annotated[bool, typer.Option("--fast", help="The same as --speed 0.")] = False,
     recorded_times: Annotated[
         bool,
         typer.Option("--recorded-times", help="Keep the recorded times at any speed."),
@@ -73,18 +75,18 @@ def replay(
         ),
     ] = None,
     column: Annotated[
-        list[str] | None,
+        Named | None,
         typer.Option(
             envvar="THERMAP_COLUMNS",
             metavar="NAME=SENSOR",
+            parser=named("NAME=SENSOR"),
             help="What a column holds: a sensor, `state NAME`, or time_s, time_min, time_h, time.",
         ),
     ] = None,
     utc_offset: Annotated[
-        str | None,
-        typer.Option(metavar="±HH:MM", help="Zone of times that state none."),
+        tzinfo | None,
+        typer.Option(metavar="±HH:MM", parser=_zone, help="Zone of times that state none."),
     ] = None,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Send recorded temperatures as readings, and show how the compensation table changes.
 
@@ -94,30 +96,27 @@ def replay(
     machine's state with the temperatures. Other columns are left out.
 
     Readings are stamped as they are sent. Where that would make sensors seem to jump
-    they keep their recorded spacing and end now. With --fast they keep their
+    they keep their recorded spacing and end now. With --speed 0 they keep their
     recorded times. The service refuses times in the future.
 
     Example: `thermap replay mcfv5050 warm-up.csv --speed 60`
     """
-    columns = _read_columns(column)
-    with connect(url) as thermap:
-        described = thermap.machine(machine)
-        recording = read_recording(
-            file, _checked_sensors(described, columns), columns, _read_zone(utc_offset)
-        )
-        if recording.unread:
-            echo(recording.left_out, err=True)
-        plan = plan_replay(
-            recording,
-            described.sensors,
-            now=datetime.now(UTC),
-            speed=0.0 if fast else speed,
-            start=start,
-            recorded_times=recorded_times,
-        )
-        _announce(thermap, machine, file, plan)
-        _send(thermap, machine, plan)
-        _show_change(thermap, machine, plan)
+    columns = column or {}
+    described = thermap.machine(machine)
+    recording = read_recording(file, _checked_sensors(described, columns), columns, utc_offset)
+    if recording.unread:
+        echo(recording.left_out, err=True)
+    plan = plan_replay(
+        recording,
+        described.sensors,
+        now=datetime.now(UTC),
+        speed=speed,
+        start=start,
+        recorded_times=recorded_times,
+    )
+    _announce(thermap, machine, file, plan)
+    _send(thermap, machine, plan)
+    _show_change(thermap, machine, plan)
 
 
 def _announce(thermap: ThermapClient, machine: str, file: Path, plan: Plan) -> None:
@@ -139,7 +138,8 @@ def _send(thermap: ThermapClient, machine: str, plan: Plan) -> None:
     sent = stored = 0
     began = time.monotonic()
     try:
-        with _progress(len(plan.readings)) as (progress, task):
+        with progress_bar(MofNCompleteColumn(), TimeRemainingColumn()) as progress:
+            task = progress.add_task("sending", total=len(plan.readings))
             while sent < len(plan.readings):
                 elapsed_s = time.monotonic() - began
                 due = bisect_right(plan.due_s, elapsed_s)
@@ -153,15 +153,6 @@ def _send(thermap: ThermapClient, machine: str, plan: Plan) -> None:
         echo(f"stopped after {sent} of {counted(len(plan.readings), 'reading')}", err=True)
         raise typer.Exit(130) from None
     echo(f"{counted(stored, 'reading')} stored, {sent - stored} there already")
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[tuple[Progress, TaskID]]:
-    """Show a bar on a terminal, nothing in a pipe."""
-    terminal = console(stderr=True)
-    columns = (TextColumn("sending"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=terminal, disable=not terminal.is_terminal) as progress:
-        yield progress, progress.add_task("sending", total=total)
 
 
 def _show_change(thermap: ThermapClient, machine: str, plan: Plan) -> None:
@@ -188,16 +179,6 @@ def _show_change(thermap: ThermapClient, machine: str, plan: Plan) -> None:
         terminal.print(f"! {warning}", style="yellow")
 
 
-def _read_columns(texts: list[str] | None) -> dict[str, str]:
-    columns = {}
-    for text in texts or ():
-        name, equals, sensor = (part.strip() for part in text.rpartition("="))
-        if not name or not equals or not sensor:
-            raise typer.BadParameter(f"expected NAME=SENSOR, got {text!r}", param_hint="--column")
-        columns[name] = sensor
-    return columns
-
-
 def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list[str]:
     """Name the machine's sensors; a column of any other is wrong usage."""
     sensors = [sensor.name for sensor in machine.sensors]
@@ -210,17 +191,6 @@ def _checked_sensors(machine: MachineAnswer, columns: Mapping[str, str]) -> list
             param_hint="--column",
         )
     return sensors
-
-
-def _read_zone(text: str | None) -> tzinfo | None:
-    if text is None:
-        return None
-    try:
-        return datetime.fromisoformat(f"2000-01-01T00:00:00{text}").tzinfo or UTC
-    except ValueError:
-        raise typer.BadParameter(
-            f"expected an offset such as +01:00, got {text!r}", param_hint="--utc-offset"
-        ) from None
 
 
 class Stamps(StrEnum):
@@ -385,7 +355,7 @@ def component_changes(tables: Sequence[CompensationAnswer]) -> list[ComponentCha
             ComponentChange(
                 code=code,
                 chapter=entry.chapter,
-                unit=COMPONENTS[code].unit.symbol,
+                unit=entry.unit,
                 position_mm=entry.positions_mm[most] if entry.positions_mm else None,
                 first=float(over_time[0, most]),
                 last=float(over_time[-1, most]),
@@ -395,33 +365,20 @@ def component_changes(tables: Sequence[CompensationAnswer]) -> list[ComponentCha
     return changes
 
 
-def change_view(changes: Iterable[ComponentChange]) -> Table:
+def change_view(changes: Iterable[ComponentChange]) -> RenderableType:
     """Lay the changes out for a terminal."""
-    table = Table(
-        box=None,
-        padding=(0, 2, 0, 0),
-        pad_edge=False,
-        header_style="dim",
-        title="Compensation at the first and the last reading, where they differ most",
-        title_justify="left",
-        title_style="bold",
+    table = listing(
+        *("component", "", "unit", "at mm", "first", "last", "change", "largest change"),
+        right="lllRRRRR",
     )
-    for heading in ("component", "", "unit"):
-        table.add_column(heading)
-    for heading in ("at mm", "first", "last", "change", "largest change"):
-        table.add_column(heading, justify="right", no_wrap=True)
     for c in changes:
         position = "" if c.position_mm is None else f"{c.position_mm:g}"
         numbers = (signed(c.first), signed(c.last), signed(c.last - c.first), f"{c.largest:.2f}")
         table.add_row(c.code, c.chapter, c.unit, position, *numbers)
-    return table
+    title = "Compensation at the first and the last reading, where they differ most"
+    return Group(Text(title, style="bold"), table)
 
 
 def _compensation_by_code(table: CompensationAnswer) -> dict[str, FloatArray]:
     """Every component's compensation, shape (n,), in its unit."""
-    return {
-        entry.component: np.atleast_1d(
-            np.asarray(getattr(entry, COMPONENTS[entry.component].compensation_field), dtype=float)
-        )
-        for entry in table.components
-    }
+    return {e.component: np.atleast_1d(e.to_numpy().compensation) for e in table.components}

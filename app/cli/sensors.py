@@ -9,26 +9,12 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import (
-    followed_sensors,
-    listing,
-    or_nothing,
-    shell_words,
-    show,
-    show_of_machine,
-)
+from app.cli.answers import followed_sensors, listing, or_nothing, shell_words, show
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, calls
 from app.cli.models import waiting_lines
-from app.cli.options import (
-    JsonOption,
-    MachineOption,
-    UrlOption,
-    chosen_machine,
-    command_group,
-    connect,
-)
+from app.cli.options import JsonOption, Named, command_group, named
 from app.cli.terminal import echo
 from app.errors import list_names
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import CorrelationAnswer, ProposalAnswer, WaitingAssignmentAnswer
@@ -36,35 +22,30 @@ if TYPE_CHECKING:
 sensors = command_group()
 
 
-@sensors.callback()
-def _describe() -> None:
-    """Show, assign and correlate the sensors that components follow."""
-
-
 @sensors.command("show")
-def show_assignment(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def show_assignment(machine: ChosenMachine) -> Shown:
     """Show which sensor each component of the active model follows.
 
     Example: `thermap sensors show --machine vmc`
     """
-    from thermap import calls
-
-    show_of_machine(url, machine, calls.sensor_assignment, assignment_view, json=json)
+    return Shown(calls.sensor_assignment(machine), assignment_view)
 
 
 @sensors.command("assign")
+@asks
 def assign_sensors(
+    thermap: ThermapClient,
     assignment: Annotated[
-        list[str],
+        Named,
         typer.Argument(
-            metavar="COMPONENT=SENSOR…", help="Such as EXX=x-middle or E*X=bed; others stay."
+            metavar="COMPONENT=SENSOR…",
+            parser=named("COMPONENT=SENSOR such as EXX=x-middle", first=True),
+            help="Such as EXX=x-middle or E*X=bed; others stay.",
         ),
     ],
-    machine: MachineOption = None,
+    machine: ChosenMachine,
     json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Let components follow other sensors; this makes the next model version.
 
@@ -72,31 +53,22 @@ def assign_sensors(
 
     Example: `thermap sensors assign "E*X=x-middle" EZZ=z-column --machine vmc`
     """
-    from thermap import calls
-
-    assigned = _read_assignment(assignment)
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        show(
-            thermap,
-            calls.assign_sensors(chosen, assigned),
-            lambda answer: assigned_view(answer, chosen),
-            json=json,
-        )
-        if not json:
-            active = thermap.machine(chosen).active_model
-            echo(f"\nthe active model version of {chosen!r} is {active}")
+    call = calls.assign_sensors(machine, assignment)
+    show(thermap, call, lambda answer: assigned_view(answer, machine), json=json)
+    if not json:
+        active = thermap.machine(machine).active_model
+        echo(f"\nthe active model version of {machine!r} is {active}")
 
 
 @sensors.command("correlate")
+@asks
 def correlate_sensors(
-    machine: MachineOption = None,
+    thermap: ThermapClient,
+    machine: ChosenMachine,
     apply: Annotated[
         bool, typer.Option("--apply", help="Assign the sensors that are proposed.")
     ] = False,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown | None:
     """Show which sensors the maps themselves speak for; nothing is changed without `--apply`.
 
     Where the maps do not tell sensors apart, a component keeps the one that it follows; one that
@@ -104,43 +76,19 @@ def correlate_sensors(
 
     Example: `thermap sensors correlate --apply --machine vmc`
     """
-    from thermap import calls
-
     if not apply:
-        show_of_machine(url, machine, calls.correlate_sensors, correlation_view, json=json)
-        return
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        proposals = thermap.send(calls.correlate_sensors(chosen)).components
-        proposed = {
-            proposal.component: proposal.proposed
-            for proposal in proposals
-            if proposal.proposed not in (None, proposal.current)
-        }
-        if not proposed:
-            echo("nothing to assign: every component follows the sensor that the maps speak for")
-            return
-        show(
-            thermap,
-            calls.assign_sensors(chosen, proposed),
-            lambda answer: assigned_view(answer, chosen),
-            json=json,
-        )
-
-
-def _read_assignment(texts: list[str]) -> dict[str, str]:
-    assignment: dict[str, str] = {}
-    for text in texts:
-        component, equals, sensor = (part.strip() for part in text.partition("="))
-        if not component or not equals or not sensor:
-            raise typer.BadParameter(
-                f"expected COMPONENT=SENSOR such as EXX=x-middle, got {text!r}",
-                param_hint="COMPONENT=SENSOR",
-            )
-        if component in assignment:
-            raise typer.BadParameter(f"{component} is stated twice", param_hint="COMPONENT=SENSOR")
-        assignment[component] = sensor
-    return assignment
+        return Shown(calls.correlate_sensors(machine), correlation_view)
+    proposed = {
+        proposal.component: proposal.proposed
+        for proposal in thermap.correlate_sensors(machine).components
+        if proposal.proposed not in (None, proposal.current)
+    }
+    if not proposed:
+        echo("nothing to assign: every component follows the sensor that the maps speak for")
+        return None
+    return Shown(
+        calls.assign_sensors(machine, proposed), lambda answer: assigned_view(answer, machine)
+    )
 
 
 def assigned_view(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -21,34 +21,13 @@ from app.cli.settings_options import checked_settings, with_settings
 from app.cli.terminal import echo
 from app.cli.workers import Workers
 from app.services.access_keys import create_first_key
-from app.settings import is_postgresql, is_this_computer
+from app.settings import Settings, is_postgresql, is_this_computer
+
+_INTERNAL: Final = ("lock_limit_s", "waiting_limit_s", "worker")
+"""Settings that nobody states: of the database, and which worker of a host a process is."""
 
 
-@with_settings(
-    "host",
-    "port",
-    "allowed_hosts",
-    "cors_origins",
-    "forwarded_allow_ips",
-    "require_keys",
-    "insecure",
-    "database_url",
-    "max_body_bytes",
-    "patience_s",
-    "refresh_s",
-    "statement_limit_s",
-    "waiting_requests",
-    "analyses",
-    "waiting_analyses",
-    "waiting_analyses_of_machine",
-    "config",
-    "opcua_endpoint",
-    "keep_readings",
-    "thin_readings_after",
-    "thin_readings_to_s",
-    "workers",
-    "log_level",
-)
+@with_settings(*(name for name in Settings.model_fields if name not in _INTERNAL))
 def serve(
     *,
     settings: dict[str, Any],

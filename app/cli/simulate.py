@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
+from app.cli.asking import ThermapClient, asks
 from app.cli.options import (
+    NO_OFFSET,
     LabelOption,
     MachineArgument,
     MissingOption,
+    Named,
+    Numbers,
     SeedOption,
     TemperatureOption,
     ToolOption,
-    UrlOption,
     command_group,
-    connect,
     field_question,
     label_of,
-    read_point,
+    named,
+    point_option,
     write_file,
 )
 from app.cli.simulate_campaign import simulate_campaign
@@ -31,8 +34,6 @@ from app.cli.terminal import echo
 from app.decimal_text import read_number
 from app.errors import counted, list_names
 from app.geometry.body_diagonal import DIAGONALS
-from app.measurement.step_diagonal_readings import TARGETS
-from thermap import DEFAULT_URL
 from thermap.answers import SimulatedStepDiagonal
 
 _DECIMALS = 6
@@ -41,9 +42,9 @@ _DECIMALS = 6
 simulate = command_group()
 
 
-@simulate.callback()
-def _describe() -> None:
-    """Simulated readings on a stored machine, or a whole machine with an undeclared effect."""
+def _two_angles(written: str) -> list[float] | None:
+    angles = [read_number(part, decimal_comma=False) for part in written.split(",")]
+    return [a for a in angles if a is not None] if len(angles) == 2 and None not in angles else None
 
 
 simulate.command("verification")(simulate_verification)
@@ -52,7 +53,9 @@ simulate.command("thermal-drift")(simulate_thermal_drift)
 
 
 @simulate.command("step-diagonal")
+@asks
 def simulate_step_diagonal(
+    thermap: ThermapClient,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -64,21 +67,18 @@ def simulate_step_diagonal(
         ),
     ],
     temperature: TemperatureOption = None,
-    tool: ToolOption = "0,0,0",
+    tool: ToolOption = NO_OFFSET,
     steps: Annotated[int, typer.Option(min=1, help="Steps of each axis.")] = 10,
     origin: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Lowest corner of the volume in mm; that of the axes' travel if not stated.",
+        Numbers | None,
+        point_option(
+            "Lowest corner of the volume in mm; that of the axes' travel if not stated.",
+            such_as="0,0,0",
         ),
     ] = None,
     step: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Length of each axis' step in mm; over the whole travel if not stated.",
-        ),
+        Numbers | None,
+        point_option("Length of each axis' step in mm; over the whole travel if not stated."),
     ] = None,
     noise: Annotated[
         float,
@@ -91,19 +91,21 @@ def simulate_step_diagonal(
         ),
     ] = None,
     seed: SeedOption = 0,
-    target: Annotated[str, typer.Option(help="What reflects: point or flat-mirror.")] = "point",
+    target: Annotated[
+        Literal["point", "flat-mirror"], typer.Option(help="What reflects.")
+    ] = "point",
     mirror_tilt: Annotated[
-        list[str] | None,
+        Named | None,
         typer.Option(
             envvar="THERMAP_MIRROR_TILTS",
             metavar="DIAGONAL=A,B",
+            parser=named("DIAGONAL=A,B with two angles in µrad such as ppp=100,0", _two_angles),
             help="Two tilts of a diagonal's mirror in µrad, about the horizontal and the other "
             "direction beside the diagonal, such as ppp=100,0.",
         ),
     ] = None,
     label: LabelOption = None,
     missing_as_zero: MissingOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Write what a laser would read on the four step diagonals of a stored machine.
 
@@ -112,7 +114,7 @@ def simulate_step_diagonal(
 
     Example: `thermap simulate step-diagonal mcfv5050 --noise 0.2 -o laser.csv`
     """
-    _expect_file_and_target(output, target)
+    _expect_what_can_be(output, mirror_tilt or ())
     named = label_of(output, label)
     plan: dict[str, Any] = field_question(temperature, tool, missing_as_zero) | {
         "steps": steps,
@@ -120,14 +122,11 @@ def simulate_step_diagonal(
         "resolution_um": resolution,
         "seed": seed,
         "target": target,
-        "mirror_tilts_urad": dict(_read_tilts(mirror_tilt or ())),
+        "mirror_tilts_urad": mirror_tilt or {},
     }
-    if origin is not None:
-        plan["origin_mm"] = read_point(origin, "--origin", "0,0,0")
-    if step is not None:
-        plan["step_mm"] = read_point(step, "--step", "50,50,40")
-    with connect(url) as thermap:
-        simulated = thermap.simulate_step_diagonal(machine, plan)
+    plan |= {} if origin is None else {"origin_mm": origin}
+    plan |= {} if step is None else {"step_mm": step}
+    simulated = thermap.simulate_step_diagonal(machine, plan)
     text = "".join(f"{line}\n" for line in step_diagonal_lines(simulated, plan, named, _now()))
     write_file(output, text)
     zero = (
@@ -190,27 +189,11 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
-def _expect_file_and_target(output: Path, target: str) -> None:
+def _expect_what_can_be(output: Path, tilted: Iterable[str]) -> None:
     if output.suffix.lower() == ".json":
         raise typer.BadParameter(f"expected a CSV file, got {str(output)!r}", param_hint="--output")
-    if target not in TARGETS:
+    if unknown := [diagonal for diagonal in tilted if diagonal not in DIAGONALS]:
         raise typer.BadParameter(
-            f"expected one of {list_names(TARGETS)}, got {target!r}", param_hint="--target"
+            f"expected one of {list_names(DIAGONALS)}, got {list_names(unknown)}",
+            param_hint="--mirror-tilt",
         )
-
-
-def _read_tilts(texts: Iterable[str]) -> Iterator[tuple[str, list[float]]]:
-    """Read `DIAGONAL=A,B` as often as it is stated."""
-    met: set[str] = set()
-    for text in texts:
-        diagonal, _, written = text.partition("=")
-        numbers = [read_number(part, decimal_comma=False) for part in written.split(",")]
-        tilts = [number for number in numbers if number is not None]
-        if diagonal not in DIAGONALS or diagonal in met or len(numbers) != 2 or len(tilts) != 2:
-            raise typer.BadParameter(
-                f"expected DIAGONAL=A,B once for each of {list_names(DIAGONALS)}, with two "
-                f"angles in µrad such as ppp=100,0, got {text!r}",
-                param_hint="--mirror-tilt",
-            )
-        met.add(diagonal)
-        yield diagonal, tilts

@@ -15,10 +15,11 @@ import typer
 from app.cli.options import UrlOption, connect, expect_finite
 from app.cli.terminal import echo
 from app.errors import counted, list_names
+from app.simulation.undeclared import FAMILIES, UNKNOWN, Campaign, make_campaign, make_record
+from app.simulation.undeclared.files import campaign_files
 from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from app.simulation.undeclared import Campaign
     from thermap import ThermapClient
 
 MISTAKES: Final = (
@@ -27,21 +28,7 @@ MISTAKES: Final = (
 )
 """People's and instruments': made once, whatever they touch."""
 
-EFFECTS: Final = (
-    *("thermal-lag", "other-sensor", "additional-sensor", "sensor-gradient"),
-    *("temperature-curvature", "state-variable", "backlash", "periodic", "angular"),
-    *("nonrigid-slope", "drift", "step", "sensor-fault", "outdated-map", *MISTAKES),
-)
-"""Those that the search knows, in the words of the simulator."""
-
-IN_NO_FAMILY: Final = (
-    *("hysteresis", "coolant-valve", "door", "stick-slip", "interaction"),
-    *("second-time-constant", "chirped-pitch", "slow-cause", "setup-warp"),
-    "bent-by-difference",
-)
-"""Those that no kind of the search describes."""
-
-NONE, UNKNOWN = "none", "unknown"
+NONE, DRAWN = "none", "unknown"
 
 READINGS_AT_ONCE: Final = 10_000
 """As the service takes them."""
@@ -77,8 +64,8 @@ def simulate_campaign(
             help=(
                 "Effect to plant; repeat for several, and repeat one to plant it on another "
                 "component or sensor too: none (alone); unknown (one that no kind of the search "
-                f"describes, drawn with the seed); {', '.join(EFFECTS)}; "
-                f"{', '.join(IN_NO_FAMILY)}. A variant may follow, as in backlash:along-axis."
+                f"describes, drawn with the seed); {', '.join(FAMILIES)}; "
+                f"{', '.join(UNKNOWN)}. A variant may follow, as in backlash:along-axis."
             ),
         ),
     ] = None,
@@ -236,7 +223,7 @@ def _expect_once(effects: Sequence[str]) -> None:
         others = [name for name in effects if name != NONE]
         beside = f"{list_names(others)} beside it" if others else "it twice"
         raise typer.BadParameter(f"expected none alone, got {beside}", param_hint="--effect")
-    for kind in (*MISTAKES, UNKNOWN):
+    for kind in (*MISTAKES, DRAWN):
         if kinds.count(kind) > 1:
             raise typer.BadParameter(f"expected {kind} once, got it twice", param_hint="--effect")
 
@@ -251,11 +238,7 @@ def _simulated(
     conditions: dict[str, Any],
 ) -> Campaign:
     """Simulate, and say as an option's fault what cannot be."""
-    from app.simulation.undeclared import make_campaign, make_record
-
-    planted = [
-        _drawn(seed, effects) if name == UNKNOWN else name for name in effects if name != NONE
-    ]
+    planted = [_drawn(seed, effects) if name == DRAWN else name for name in effects if name != NONE]
     try:
         if record is None:
             return make_campaign(seed, planted, size, visits, **conditions)
@@ -268,8 +251,9 @@ def _simulated(
 def _drawn(seed: int, effects: Sequence[str]) -> str:
     """Draw one that is not stated by its name too: from the seed's on, the next that is free."""
     kinds = {name.partition(":")[0] for name in effects}
-    first = seed % len(IN_NO_FAMILY)
-    free = [k for k in (*IN_NO_FAMILY[first:], *IN_NO_FAMILY[:first]) if k not in kinds]
+    drawn = list(UNKNOWN)
+    first = seed % len(drawn)
+    free = [k for k in (*drawn[first:], *drawn[:first]) if k not in kinds]
     if not free:
         raise typer.BadParameter(
             "expected unknown beside effects that leave one to be drawn, got all of them by name",
@@ -280,8 +264,6 @@ def _drawn(seed: int, effects: Sequence[str]) -> str:
 
 def _write(campaign: Campaign, folder: Path, machine: Body, verifications: Sequence[Body]) -> None:
     """Write the bodies of requests, and the truth in a file of its own."""
-    from app.simulation.undeclared.files import campaign_files
-
     files = campaign_files(campaign)
     bodies = {n: body for n, body in files.items() if not n.startswith("verification-")}
     bodies["machine.json"] = machine

@@ -16,18 +16,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from app.cli.asking import ThermapClient, asks
 from app.cli.options import (
+    NO_OFFSET,
     LabelOption,
     MachineArgument,
     MissingOption,
+    Named,
+    Numbers,
     SeedOption,
     ToolOption,
-    UrlOption,
-    connect,
-    expect_finite,
     label_of,
-    read_named_numbers,
-    read_point,
+    named_option,
+    point_option,
     time_option,
     write_file,
 )
@@ -38,10 +39,8 @@ from app.errors import counted, list_names
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
 from app.units import SECONDS_PER_H, SECONDS_PER_MIN
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from thermap import ThermapClient
     from thermap.answers import ReadingSchema
 
 _DECIMALS: Final = 4
@@ -59,8 +58,9 @@ class _Row:
     values: Mapping[str, float]
 
 
+@asks
 def simulate_thermal_drift(
-    context: typer.Context,
+    thermap: ThermapClient,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -72,15 +72,15 @@ def simulate_thermal_drift(
         ),
     ],
     point: Annotated[
-        str,
-        typer.Option(
-            metavar="X,Y,Z", help="Where the machine stands while the nest is read, in mm."
+        Numbers,
+        point_option(
+            "Where the machine stands while the nest is read, in mm.", such_as="250,200,300"
         ),
     ],
-    tool: ToolOption = "0,0,0",
+    tool: ToolOption = NO_OFFSET,
     test: Annotated[
-        str, typer.Option(envvar="THERMAP_DRIFT_TEST", help="environment, spindle or linear-axis.")
-    ] = "spindle",
+        DriftTest, typer.Option(envvar="THERMAP_DRIFT_TEST", help="What is tested.")
+    ] = DriftTest.SPINDLE,
     axis: Annotated[
         str | None,
         typer.Option(help="The moving axis of the test linear-axis."),
@@ -103,11 +103,12 @@ def simulate_thermal_drift(
     hours: Annotated[float, typer.Option(min=0.1, help="How long it lasts, at most.")] = 8.0,
     every: Annotated[float, typer.Option(min=0.0, help="Minutes between two readings.")] = 2.0,
     growth: Annotated[
-        list[str] | None,
-        typer.Option(
-            envvar="THERMAP_GROWTHS",
+        Named | None,
+        named_option(
+            "a growth in µm",
+            "A drift that the model lacks, such as z=12: reached with --growth-min.",
             metavar="AXIS=UM",
-            help="A drift that the model lacks, such as z=12: reached with --growth-min.",
+            envvar="THERMAP_GROWTHS",
         ),
     ] = None,
     growth_min: Annotated[
@@ -121,7 +122,6 @@ def simulate_thermal_drift(
     seed: SeedOption = 0,
     label: LabelOption = None,
     missing_as_zero: MissingOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Write what a nest of three or five displacement sensors would read on a stored machine.
 
@@ -132,24 +132,20 @@ def simulate_thermal_drift(
     """
     import numpy as np
 
-    expect_finite(context.params)
     named = label_of(output, label)
     _expect_test(test, axis, target)
-    growths = read_named_numbers(growth, "--growth", "a growth in µm")
-    unknown = [name for name in growths if name.lower() not in LINEAR_LETTERS]
-    if unknown:
+    grown = {name.lower(): value for name, value in (growth or {}).items()}
+    if unknown := [name for name in grown if name not in LINEAR_LETTERS]:
         raise typer.BadParameter(
             f"expected x, y or z, got {list_names(unknown)}", param_hint="--growth"
         )
-    grown = {name.lower(): value for name, value in growths.items()}
-    heights = [read_point(tool, "--tool", "0,0,160")]
+    heights = [tool]
     if sensor_distance is not None:
         x, y, z = heights[0]
         heights.append([x, y, z + sensor_distance])
-    places = _places(read_point(point, "--point", "250,200,300"), axis, target)
-    with connect(url) as thermap:
-        readings = _readings(thermap, machine, since, timedelta(hours=hours), every)
-        rows = list(_predicted(thermap, machine, readings, places, heights, missing_as_zero))
+    places = _places(point, axis, target)
+    readings = _readings(thermap, machine, since, timedelta(hours=hours), every)
+    rows = list(_predicted(thermap, machine, readings, places, heights, missing_as_zero))
     if len(rows) < 2:
         raise NothingToSimulate(
             f"the model says nothing of machine {machine!r} at two of these times: there are no "
@@ -167,7 +163,10 @@ def simulate_thermal_drift(
         values.append([float(v) for v in np.array(read) + rng.normal(0.0, noise, len(read))])
     head = [f"label: {named}", f"machine: {machine}", "instrument: simulation", f"test: {test}"]
     head += [f"axis: {axis}"] if axis else []
-    head += [f"point_mm: {point}", f"tool_offset_mm: {tool}"]
+    head += [
+        f"{name}: {', '.join(map(repr, place))}"
+        for name, place in (("point_mm", point), ("tool_offset_mm", tool))
+    ]
     head += [] if sensor_distance is None else [f"sensor_distance_mm: {sensor_distance:g}"]
     # Sentences without a colon are read by people alone.
     head.append(f"Simulated for training, not measured, with noise of {noise:g} µm (seed {seed})")
@@ -180,11 +179,7 @@ def simulate_thermal_drift(
     echo(f"{output}: {counted(len(rows), 'reading')} over {lasting:.3g} h, simulated")
 
 
-def _expect_test(test: str, axis: str | None, targets: Sequence[float] | None) -> None:
-    if test not in tuple(DriftTest):
-        raise typer.BadParameter(
-            f"expected one of {list_names(DriftTest)}, got {test!r}", param_hint="--test"
-        )
+def _expect_test(test: DriftTest, axis: str | None, targets: Sequence[float] | None) -> None:
     moves = test == DriftTest.LINEAR_AXIS
     if moves != (axis in tuple(LINEAR_LETTERS)) or moves != bool(targets):
         raise typer.BadParameter(

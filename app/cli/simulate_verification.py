@@ -17,17 +17,16 @@ import numpy as np
 import typer
 
 from app.api.schemas.verifications import MeasuredObservation
+from app.cli.asking import ThermapClient, asks
 from app.cli.check_files import look_at_visits
 from app.cli.options import (
     LabelOption,
     MachineArgument,
     MissingOption,
+    Named,
     SeedOption,
-    UrlOption,
-    connect,
-    expect_finite,
     label_of,
-    read_named_numbers,
+    named_option,
     time_option,
     write_file,
 )
@@ -36,7 +35,7 @@ from app.effects.observations import Observation, Verification
 from app.errors import ThermapError, UnknownComponent, counted, list_names
 from app.files.csv_writing import csv_of_check
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, parse_component
-from thermap import DEFAULT_URL, ThermapClient, ThermapClientError
+from thermap import ThermapClientError
 
 OBSERVATION_EVERY: Final = timedelta(seconds=20)
 """So long an instrument takes from one place to the next."""
@@ -58,8 +57,9 @@ class NothingToSimulate(ThermapError):
     """The service has not what a simulation needs."""
 
 
+@asks
 def simulate_verification(
-    context: typer.Context,
+    thermap: ThermapClient,
     machine: MachineArgument,
     output: Annotated[
         Path,
@@ -101,18 +101,18 @@ def simulate_verification(
         ),
     ] = 0.5,
     reversal: Annotated[
-        list[str] | None,
-        typer.Option(
-            envvar="THERMAP_REVERSALS",
-            metavar="NAME=UM",
-            help="A reversal value that the model lacks, in the component's unit: half of it with "
+        Named | None,
+        named_option(
+            "a reversal value in µm",
+            "A reversal value that the model lacks, in the component's unit: half of it with "
             "the sign of the approach.",
+            metavar="NAME=UM",
+            envvar="THERMAP_REVERSALS",
         ),
     ] = None,
     seed: SeedOption = 0,
     label: LabelOption = None,
     missing_as_zero: MissingOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Write what would be measured on a stored machine that is as its model says, with noise.
 
@@ -121,35 +121,33 @@ def simulate_verification(
 
     Example: `thermap simulate verification vmc --reversal EXX=4 -o night.csv`
     """
-    expect_finite(context.params)
     named = label_of(output, label)
-    reversals = _read_reversals(reversal)
-    with connect(url) as thermap:
-        planned = (
-            _default_plan(thermap, machine, visits, positions, component, (since, until))
-            if plan is None
-            else look_at_visits(thermap, machine, [plan])[0].planned.to_verification()
+    reversals = _of_components(reversal or {})
+    planned = (
+        _default_plan(thermap, machine, visits, positions, component, (since, until))
+        if plan is None
+        else look_at_visits(thermap, machine, [plan])[0].planned.to_verification()
+    )
+    rng = np.random.default_rng(seed)
+    made: list[Observation] = []
+    version = 0
+    by_setup: dict[str | None, list[Observation]] = {}
+    for observation in sorted(planned.observations, key=attrgetter("time_s")):
+        by_setup.setdefault(observation.setup, []).append(observation)
+    for visit in by_setup.values():
+        answer = thermap.predict(
+            machine,
+            list(map(_question, visit)),
+            missing_components="zero" if missing_as_zero else "refuse",
         )
-        rng = np.random.default_rng(seed)
-        made: list[Observation] = []
-        version = 0
-        by_setup: dict[str | None, list[Observation]] = {}
-        for observation in sorted(planned.observations, key=attrgetter("time_s")):
-            by_setup.setdefault(observation.setup, []).append(observation)
-        for visit in by_setup.values():
-            answer = thermap.predict(
-                machine,
-                list(map(_question, visit)),
-                missing_components="zero" if missing_as_zero else "refuse",
-            )
-            version = answer.model_version
-            for observation, predicted in zip(visit, answer.predicted_um, strict=True):
-                if predicted is None:
-                    continue
-                values = np.atleast_1d(np.asarray(predicted, dtype=float))
-                values = values + rng.normal(0.0, noise, values.size) if noise else values
-                values = (values + _reversed_by(observation, reversals)).round(_DECIMALS)
-                made.append(replace(observation, measured=tuple(values.tolist())))
+        version = answer.model_version
+        for observation, predicted in zip(visit, answer.predicted_um, strict=True):
+            if predicted is None:
+                continue
+            values = np.atleast_1d(np.asarray(predicted, dtype=float))
+            values = values + rng.normal(0.0, noise, values.size) if noise else values
+            values = (values + _reversed_by(observation, reversals)).round(_DECIMALS)
+            made.append(replace(observation, measured=tuple(values.tolist())))
     if not made:
         raise NothingToSimulate(
             f"the model says nothing of machine {machine!r} at these times: there are no "
@@ -184,11 +182,10 @@ def _question(observation: Observation) -> dict[str, Any]:
     }
 
 
-def _read_reversals(texts: Sequence[str] | None) -> dict[str, float]:
-    """Read reversal values by the components' codes."""
+def _of_components(reversal: Mapping[str, float]) -> dict[str, float]:
+    """Index reversal values by the components' codes."""
     reversals = {}
-    named = read_named_numbers(texts, "--reversal", "a reversal value in µm")
-    for name, value in named.items():
+    for name, value in reversal.items():
         component = _parsed(name, "--reversal")
         if not component.is_table:
             raise typer.BadParameter(

@@ -9,9 +9,8 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, when
-from app.cli.options import JsonOption, UrlOption, connect
-from thermap import DEFAULT_URL
+from app.cli.answers import listing, or_nothing, when
+from app.cli.asking import Shown, asks, calls
 
 if TYPE_CHECKING:
     from thermap.answers import LargestValue, MachineStatus, SensorNow
@@ -20,6 +19,7 @@ WORDS: Final = {"trusted": "Trusted", "limited": "Limited", "not-trusted": "Not 
 _STYLES: Final = {"trusted": "", "limited": "bold yellow", "not-trusted": "bold red"}
 
 
+@asks
 def status(
     machine: Annotated[
         str | None,
@@ -29,22 +29,16 @@ def status(
             help="The machine's id; without it all machines, a line each.",
         ),
     ] = None,
-    json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
-) -> None:
+) -> Shown:
     """Say whether machines can be trusted now, and why not.
 
     The verdict and its sentences are the service's: pages and streams say the same.
 
     Example: `thermap status mcfv5050`
     """
-    from thermap import calls
-
-    with connect(url) as thermap:
-        if machine is None:
-            show(thermap, calls.statuses(), statuses_view, json=json)
-        else:
-            show(thermap, calls.status(machine), status_view, json=json)
+    if machine is None:
+        return Shown(calls.statuses(), statuses_view)
+    return Shown(calls.status(machine), status_view)
 
 
 def statuses_view(statuses: Sequence[MachineStatus]) -> RenderableType:

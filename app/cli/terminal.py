@@ -23,6 +23,11 @@ def write_document(text: str) -> None:
     sys.stdout.write(printable_lines(text) if sys.stdout.isatty() else text)
 
 
+def write_json(content: bytes) -> None:
+    """Write an answer's JSON in a line of its own."""
+    write_document(content.decode() + "\n")
+
+
 def complain(sentence: str) -> None:
     """Write why a command failed."""
     typer.secho("thermap: ", err=True, fg="red", nl=False)

@@ -12,6 +12,7 @@ from typing import Any, Final, Generic, TypeVar
 import httpx
 import typer
 
+from app.cli.terminal import echo
 from app.errors import ThermapError, list_names
 from thermap import NotListeningError, ThermapClient, ThermapClientError, calls
 from thermap.call import Call
@@ -21,8 +22,6 @@ Answer = TypeVar("Answer")
 Beside = Mapping[str, Any]
 """What is said of a file beside it, as the query of `…/files` has it."""
 
-_NAME_GOES_ON: Final = re.compile(r"[\w./-]")
-_WORD_GOES_ON: Final = re.compile(r"\w")
 _MACHINE: Final = re.compile(r"^[\s\"']*#\s*machine\s*[:=;,\t]\s*([^\r\n\"]+)", re.I | re.M)
 _BEGINNING: Final = 10_000
 """Characters of a text in which its machine stands, if anywhere."""
@@ -44,7 +43,7 @@ class Upload:
 
     def call(self, beside: Beside, storing: calls.Storing) -> Call[calls.ImportedFile]:
         """Write the request that sends it."""
-        return calls.send_file(self.machine, self.file.name, self.content, beside, storing)
+        return calls.send_file(self.machine, self.file.as_posix(), self.content, beside, storing)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,28 +114,28 @@ def look_at_all(
 
 
 def complaints(file: Path, error: ThermapClientError, place: str = "") -> list[str]:
-    """Write what the service refuses of a file, each line with the file as the user named it."""
-    lines = error.detail.splitlines()
-    if lines and lines[0].startswith(file.name):
-        return [_named(file, line, place) for line in lines]
-    if error.errors:
-        return [
-            _named(file, e.message if e.field == "file" else f"{e.field}: {e.message}", place)
-            for e in error.errors
-        ]
-    return [f"{file}: {place}{error.sentence}"]
+    """Write what the service refuses of a file, each line with the file's name."""
+    named = file.as_posix()
+    lines = [error.sentence]
+    if error.detail.startswith(named):
+        lines = error.detail.splitlines()
+    elif error.errors:
+        of_file = ("" if e.field == "file" else f"{e.field}: " for e in error.errors)
+        lines = [field + e.message for field, e in zip(of_file, error.errors, strict=True)]
+    return [
+        line
+        if line.startswith(named) and not place
+        else f"{named}: {place}{line.removeprefix(f'{named}: ')}"
+        for line in lines
+    ]
 
 
-def _named(file: Path, line: str, place: str) -> str:
-    """Name the file as the user did, wherever the line names it."""
-    before, *parts = line.split(file.name)
-    for part in parts:
-        in_a_longer_name = _NAME_GOES_ON.search(before[-1:]) or _WORD_GOES_ON.match(part)
-        before += (file.name if in_a_longer_name else str(file)) + part
-    line = before
-    if place or not line.startswith(str(file)):
-        return f"{file}: {place}{line.removeprefix(f'{file}: ')}"
-    return line
+def say_what_was_read(file: Path, answer: object) -> None:
+    """Say what the service notes of a file, and what it read of it."""
+    for warning in getattr(answer, "warnings", ()):
+        echo(f"{file}: note: {warning}", err=True)
+    for line in getattr(answer, "read", ()):
+        echo(f"{file}: read {line}")
 
 
 @contextmanager

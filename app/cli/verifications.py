@@ -10,24 +10,20 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from app.cli.answers import listing, or_nothing, show, show_of_machine, when
+from app.cli.answers import listing, or_nothing, show, when
+from app.cli.asking import ChosenMachine, Shown, ThermapClient, asks, loop_calls
 from app.cli.options import (
     JsonOption,
-    MachineOption,
-    UrlOption,
     YesOption,
-    chosen_machine,
     chosen_verifications,
     command_group,
     confirm,
-    connect,
-    expect_page,
+    page_option,
     write_file,
 )
 from app.cli.terminal import echo
 from app.errors import counted, list_names
 from app.pages.report_parts.words import zeros_text
-from thermap import DEFAULT_URL
 
 if TYPE_CHECKING:
     from thermap.answers import ResidualsAnswer, SizeAnswer, VerificationAnswer
@@ -35,13 +31,10 @@ if TYPE_CHECKING:
 verifications = command_group()
 
 
-@verifications.callback()
-def _describe() -> None:
-    """Store, list and delete verifications; show what the model leaves of them."""
-
-
 @verifications.command("store")
+@asks
 def store_verification_files(
+    thermap: ThermapClient,
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -51,12 +44,11 @@ def store_verification_files(
             help="Measured data as CSV or Excel, or as JSON of the HTTP contract.",
         ),
     ],
-    machine: MachineOption = None,
+    machine: ChosenMachine,
     preview: Annotated[
         bool,
         typer.Option("--preview", help="Show what was read of the files, and store nothing."),
     ] = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Store check measurements, each judged against the model as it comes; nothing is analysed.
 
@@ -64,90 +56,73 @@ def store_verification_files(
     """
     from app.cli.check_files import look_at_checks, show_checks, store_checks
 
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        read = look_at_checks(thermap, chosen, files)
-        if preview:
-            show_checks(read)
-        else:
-            store_checks(thermap, read, [])
+    read = look_at_checks(thermap, machine, files)
+    if preview:
+        show_checks(read)
+    else:
+        store_checks(thermap, read, [])
 
 
 @verifications.command("list")
-def list_verifications(
-    machine: MachineOption = None, json: JsonOption = False, url: UrlOption = DEFAULT_URL
-) -> None:
+@asks
+def list_verifications(machine: ChosenMachine) -> Shown:
     """List a machine's verifications, oldest first, and what they said of the model.
 
     Example: `thermap verifications list --machine vmc`
     """
-    from thermap import loop_calls
-
-    show_of_machine(url, machine, loop_calls.verifications, verifications_view, json=json)
+    return Shown(loop_calls.verifications(machine), verifications_view)
 
 
 @verifications.command("residuals")
+@asks
 def show_residuals(
+    thermap: ThermapClient,
+    machine: ChosenMachine,
     numbers: Annotated[
         list[int] | None,
         typer.Argument(metavar="NUMBER…", help="Of the verifications; all without it."),
     ] = None,
-    machine: MachineOption = None,
     model_version: Annotated[
         int | None,
         typer.Option(metavar="VERSION", help="The active one without it."),
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE.html",
-            help="Write a page with plots, which needs no internet.",
-        ),
+        Path | None, page_option("Write a page with plots, which needs no internet.")
     ] = None,
     json: JsonOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Show what a model version leaves of verifications: measured minus predicted.
 
     Example: `thermap verifications residuals 1 2 --machine vmc -o residuals.html`
     """
-    from thermap import loop_calls
-
+    chosen = chosen_verifications(thermap, machine, numbers)
+    call = loop_calls.residuals(machine, chosen, model_version, 0)
+    show(thermap, call, residuals_view, json=json)
     if output is not None:
-        expect_page(output)
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        verification_ids = chosen_verifications(thermap, chosen, numbers)
-        call = loop_calls.residuals(chosen, verification_ids, model_version, 0)
-        show(thermap, call, residuals_view, json=json)
-        if output is not None:
-            write_file(output, thermap.residuals_page(chosen, verification_ids, model_version))
-            echo(f"{output}: residuals as a page", err=True)
+        write_file(output, thermap.residuals_page(machine, chosen, model_version))
+        echo(f"{output}: residuals as a page", err=True)
 
 
 @verifications.command("delete")
+@asks
 def delete_verification(
+    thermap: ThermapClient,
     number: Annotated[int, typer.Argument(metavar="NUMBER", help="The verification's number.")],
-    machine: MachineOption = None,
+    machine: ChosenMachine,
     yes: YesOption = False,
-    url: UrlOption = DEFAULT_URL,
 ) -> None:
     """Delete a verification; analyses of it keep their results.
 
     Example: `thermap verifications delete 2 --machine vmc`
     """
-    with connect(url) as thermap:
-        chosen = chosen_machine(thermap, machine)
-        present = thermap.verification(chosen, number)
-        confirm(
-            f"verification {present.label!r} was not deleted",
-            f"Delete verification {present.label!r} (number {number}) of {chosen!r} with "
-            f"{counted(present.count, 'observation')}?",
-            yes=yes,
-        )
-        thermap.delete_verification(chosen, number)
+    present = thermap.verification(machine, number)
+    confirm(
+        f"verification {present.label!r} was not deleted",
+        f"Delete verification {present.label!r} (number {number}) of {machine!r} with "
+        f"{counted(present.count, 'observation')}?",
+        yes=yes,
+    )
+    thermap.delete_verification(machine, number)
     echo(f"verification {present.label!r} deleted")
 
 

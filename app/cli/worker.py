@@ -127,10 +127,10 @@ def _work(database: Database, concurrency: int, finish_s: float, beat: Beat) -> 
 
 def _opened(database_url: str) -> Database:
     """Open a database that is there; a URL that is none is wrong usage."""
+    from app.cli.settings_options import blamed_option
     from app.storage.database import Database
 
     try:
         return Database(database_url, may_be_new=False)
     except InvalidContent as error:
-        words = error.detail.removeprefix("database_url: ")
-        raise typer.BadParameter(words, param_hint="--database-url") from None
+        raise blamed_option(error) or error from None

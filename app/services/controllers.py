@@ -128,7 +128,7 @@ class BandExport(Answer, published_as="BandAnswer"):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Head(Answer):
+class ControllerHead(Answer):
     """What an answer about a controller's files rests on."""
 
     machine: Annotated[str, Field(examples=["mcfv5050"])]
@@ -148,7 +148,7 @@ class _Head(Answer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Exported(_Head, published_as="ExportAnswer"):
+class Exported(ControllerHead, published_as="ExportAnswer"):
     """A controller's files, and everything that is to be said of them."""
 
     sign: Sign
@@ -166,7 +166,7 @@ class Exported(_Head, published_as="ExportAnswer"):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Compared(_Head, published_as="CompareAnswer"):
+class Compared(ControllerHead, published_as="CompareAnswer"):
     """What a controller holds against what it should hold."""
 
     components: Sequence[ComparedComponent]
@@ -370,7 +370,7 @@ def _exported(
 
 
 def _head(controller: Format, table: ErrorTable, *, complete: bool) -> dict[str, Any]:
-    """Write the fields of `_Head`, but for the warnings."""
+    """Write the fields of `ControllerHead`, but for the warnings."""
     return {
         "machine": table.origin.machine_id,
         "model_version": table.origin.model_version,

@@ -1,6 +1,5 @@
 """thermap analyse: from files to the answer, the report and the adopted effect; and refusals."""
 
-import csv
 import json
 import re
 import signal
@@ -11,8 +10,10 @@ import httpx
 import pytest
 from rich.console import Console
 
+from app.api.schemas.verifications import VerificationRequest
 from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
+from app.files.csv_writing import csv_of_check
 from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import (
     LATER,
@@ -30,17 +31,6 @@ from thermap import ThermapClient
 QUICK = ("--effects", "backlash")
 """One kind of effect: the whole library takes longer than a test should."""
 
-COLUMNS = [
-    *("time", "component", "position_mm", "direction", "measured_um", "measured_urad"),
-    *(
-        f"{stem}_{axis}{unit}"
-        for stem, unit in (("point", "_mm"), ("tool", "_mm"))
-        for axis in "xyz"
-    ),
-    *(f"measured_{axis}_um" for axis in "xyz"),
-    *(f"direction_{axis}" for axis in "xyz"),
-]
-
 
 @pytest.fixture
 def service_url(databases):
@@ -56,27 +46,9 @@ def service_url(databases):
 
 
 def as_csv(body, file):
-    """Write a verification as docs/closing-the-loop.md says."""
-    states = sorted({name for o in body["observations"] for name in o.get("state", {})})
-    with file.open("w", newline="", encoding="utf-8") as opened:
-        opened.write(f"# label: {body['label']}\n# datum: {body['datum']}\n")
-        if body["repeatability_um"] is not None:
-            opened.write(f"# repeatability_um: {body['repeatability_um']}\n")
-        writer = csv.writer(opened)
-        writer.writerow([*COLUMNS, *(f"state {name}" for name in states)])
-        for o in body["observations"]:
-            state = [o.get("state", {}).get(name, "") for name in states]
-            writer.writerow([*_cells(o), *state])
+    check = VerificationRequest.model_validate(body).to_verification()
+    file.write_text(csv_of_check(MACHINE_ID, check), encoding="utf-8")
     return file
-
-
-def _cells(o):
-    if "component" in o:
-        named = [o["time"], o["component"], o.get("position_mm", ""), o.get("direction", "")]
-        return [*named, o["measured_um"], "", *[""] * 12]
-    signs = [o.get("direction", {}).get(axis, "") for axis in "xyz"]
-    places = [*o["point_mm"], *o["tool_offset_mm"], *o["measured_um"]]
-    return [o["time"], *[""] * 5, *places, *signs]
 
 
 def as_json(body, file):
@@ -406,7 +378,8 @@ def test_a_plan_says_what_would_be_seen_and_stores_nothing(thermap, client, tmp_
         f"{o['time']},{o['component']},{o.get('position_mm', '')},{o.get('direction', '')}"
         for o in rows
     ]
-    file.write_text("\n".join(["time,component,position_mm,direction", *lines]), encoding="utf-8")
+    head = ["# instrument: XL-80", "time,component,position_mm,direction"]
+    file.write_text("\n".join([*head, *lines]), encoding="utf-8")
     other = as_json(bodies[1], tmp_path / "planned.json")
     before = client.verifications(MACHINE_ID)
     found = thermap("analyse", MACHINE_ID, "--plan", *options([file, other]), columns=120)

@@ -9,7 +9,6 @@ import json
 import pytest
 
 from app.cli.controllers import NotWritten, write_files
-from thermap.answers import ExportedFileAnswer
 
 AT = ("-t", "x-middle=25.5", "-t", "z-column=29")
 
@@ -73,18 +72,15 @@ def test_what_is_there_is_not_replaced_unasked(thermap, tmp_path):
 
 def test_nothing_is_written_where_one_file_cannot_be(tmp_path):
     (tmp_path / "b").mkdir()
-    files = [
-        ExportedFileAnswer(name=name, role="table", axis=None, content=name) for name in ("a", "b")
-    ]
+    files = {"a": "a", "b": "b"}
     with pytest.raises(NotWritten, match=r"b in .* is a folder"):
         write_files(tmp_path, files, overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["b"]
 
 
 def test_no_name_leads_out_of_the_folder(tmp_path):
-    file = ExportedFileAnswer(name="../a", role="table", axis=None, content="a")
     with pytest.raises(NotWritten, match="expected names inside"):
-        write_files(tmp_path / "in", [file])
+        write_files(tmp_path / "in", {"../a": "a"})
     assert list(tmp_path.iterdir()) == []
 
 

@@ -82,5 +82,5 @@ def test_commands_that_only_ask_the_service_do_not_load_it(service_url):
 
 
 def test_the_list_of_commands_says_what_each_says_of_itself():
-    for name, home in COMMANDS.items():
-        assert load(name).help.split("\n\n")[0].replace("\n", " ") == home.summary
+    for name, summary in COMMANDS.items():
+        assert load(name).help.split("\n\n")[0].replace("\n", " ") == summary

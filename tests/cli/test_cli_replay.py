@@ -39,7 +39,7 @@ def warm_up(minutes=60, rise_c=3.0):
 
 @pytest.mark.slow
 def test_all_at_once_shows_how_the_table_changed(thermap, client, write):
-    found = thermap("replay", "mcfv5050", write(warm_up()), "--fast")
+    found = thermap("replay", "mcfv5050", write(warm_up()), "--speed", 0)
     assert found.exit_code == 0, found.output
     assert "columns that are not read: load" in found.stderr
     assert "61 readings with their recorded spacing, the last one as it is sent" in found.stderr
@@ -59,7 +59,7 @@ def test_states_are_sent_and_effects_of_them_are_in_the_tables(
 ):
     adopt(service_and_url[0], SPEED)
     file = write("time_min,x-middle,z-column,state spindle_rpm,rpm\n0,20,22,0,7\n1,20,22,8000,7\n")
-    found = thermap("replay", "mcfv5050", file, "--fast", "--column", "rpm=state other_rpm")
+    found = thermap("replay", "mcfv5050", file, "--speed", 0, "--column", "rpm=state other_rpm")
     assert found.exit_code == 0, found.output
     assert [r.state for r in client.readings("mcfv5050")] == [
         {"spindle_rpm": 0.0, "other_rpm": 7.0}, {"spindle_rpm": 8000.0, "other_rpm": 7.0}
@@ -99,7 +99,7 @@ def test_where_sensors_would_seem_to_jump_the_recorded_spacing_stays(thermap, cl
 def test_recorded_dates_are_kept_and_a_repetition_adds_nothing(thermap, client, write):
     file = write("time,x-middle,z-column\n2026-03-01T06:00:00Z,20,22\n2026-03-01 07:05+01:00,21,23")
     for stored in ("2 readings stored, 0", "0 readings stored, 2"):
-        found = thermap("replay", "mcfv5050", file, "--fast")
+        found = thermap("replay", "mcfv5050", file, "--speed", 0)
         assert found.exit_code == 0, found.output
         assert stored in found.stdout
     assert [r.time.minute for r in client.readings("mcfv5050")] == [0, 5]
@@ -108,13 +108,13 @@ def test_recorded_dates_are_kept_and_a_repetition_adds_nothing(thermap, client, 
 @pytest.mark.slow
 def test_other_readings_about_that_time_are_told(thermap, write):
     file = write(warm_up())
-    assert "other readings" not in thermap("replay", "mcfv5050", file, "--fast").stderr
-    assert "other readings" in thermap("replay", "mcfv5050", file, "--fast").stderr
+    assert "other readings" not in thermap("replay", "mcfv5050", file, "--speed", 0).stderr
+    assert "other readings" in thermap("replay", "mcfv5050", file, "--speed", 0).stderr
 
 
 @pytest.mark.slow
 def test_readings_without_a_table_are_stored_all_the_same(thermap, write):
-    found = thermap("replay", "mcfv5050", write("time_s,spindle\n0,20\n10,21\n"), "--fast")
+    found = thermap("replay", "mcfv5050", write("time_s,spindle\n0,20\n10,21\n"), "--speed", 0)
     assert found.exit_code == 0
     assert "no reading of these has a compensation table" in found.stdout
     assert "no live table: expected a temperature of x-middle" in found.stdout
@@ -146,7 +146,7 @@ def test_a_column_that_the_file_lacks(thermap, write):
 @pytest.mark.slow
 def test_times_in_the_future_are_the_services_to_refuse(thermap, write):
     start = (datetime.now(UTC) + timedelta(days=2)).isoformat()
-    found = thermap("replay", "mcfv5050", write(warm_up()), "--fast", "--start", start)
+    found = thermap("replay", "mcfv5050", write(warm_up()), "--speed", 0, "--start", start)
     assert found.exit_code == 1
     assert "expected a time not in the future" in found.stderr
 

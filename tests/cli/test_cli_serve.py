@@ -20,7 +20,8 @@ from app.api.turns import AT_WORK
 from app.cli.application import COMMANDS as ALL_COMMANDS
 from app.cli.application import load
 from app.cli.listening import CannotListen, listening, url_of
-from app.cli.options import read_named_numbers
+from app.cli.options import by_name, named
+from app.decimal_text import read_number
 from app.storage.database import Database
 from app.storage.readings import list_readings
 from tests.cli.conftest import ENVIRONMENT, ended, wait_until_it_answers
@@ -296,8 +297,9 @@ def test_nobody_listens(run, no_service_url, tmp_path, command):
 
 
 def test_named_numbers_take_decimal_commas():
-    found = read_named_numbers(["x-middle=24,1", "bed left = -3.5"], "-t", "a temperature")
-    assert found == {"x-middle": 24.1, "bed left": -3.5}
+    read = named("NAME=NUMBER", read_number)
+    stated = by_name({"temperature": [read("x-middle=24,1"), read("bed left = -3.5")]})
+    assert stated == {"temperature": {"x-middle": 24.1, "bed left": -3.5}}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from app.api.schemas.verifications import VerificationRequest
-from app.cli.simulate_campaign import EFFECTS, IN_NO_FAMILY
 from app.simulation.undeclared import FAMILIES, UNKNOWN, make_campaign, make_record
 
 SMALL = ("--visits", 8, "--later", 2, "--seed", 5)
@@ -16,10 +15,8 @@ def stored(file):
 
 
 def test_every_effect_of_the_simulator_is_in_the_help(thermap):
-    assert tuple(FAMILIES) == EFFECTS
-    assert tuple(UNKNOWN) == IN_NO_FAMILY
     words = thermap("simulate", "campaign", "--help").stdout.replace("│", " ").split()
-    for name in (*EFFECTS, *IN_NO_FAMILY):
+    for name in (*FAMILIES, *UNKNOWN):
         assert name in "".join(words)
 
 
@@ -80,19 +77,19 @@ def test_unknown_is_an_effect_that_no_kind_describes(thermap, tmp_path):
     found = thermap("simulate", "campaign", *SMALL, "--effect", "unknown", "-o", tmp_path / "u")
     assert found.exit_code == 0, found.output
     (effect,) = stored(tmp_path / "u" / "truth.json")["effects"]
-    assert effect["kind"] in IN_NO_FAMILY
+    assert effect["kind"] in UNKNOWN
     assert not effect["in_library"]
 
 
 def test_unknown_is_none_of_those_stated_by_name(thermap, tmp_path):
-    drawn = [IN_NO_FAMILY[seed % len(IN_NO_FAMILY)] for seed in (1, 2)]
+    drawn = list(UNKNOWN)[1:3]
     named = [option for kind in drawn for option in ("--effect", kind)]
     asked = (*SMALL, "--seed", 1, *named, "--effect", "unknown")
     found = thermap("simulate", "campaign", *asked, "-o", tmp_path / "u")
     assert found.exit_code == 0, found.output
     kinds = [effect["kind"] for effect in stored(tmp_path / "u" / "truth.json")["effects"]]
     assert len(set(kinds)) == 3
-    assert set(kinds) <= set(IN_NO_FAMILY)
+    assert set(kinds) <= set(UNKNOWN)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +122,7 @@ def test_a_folder_that_holds_something_is_left_alone(thermap, tmp_path):
         (("--effect", "clock-offset:an-hour-late", "--effect", "clock-offset"), "it twice"),
         (("--effect", "unknown", "--effect", "unknown"), "expected unknown once"),
         (
-            [o for kind in (*IN_NO_FAMILY, "unknown") for o in ("--effect", kind)],
+            [o for kind in (*UNKNOWN, "unknown") for o in ("--effect", kind)],
             "leave one to be drawn, got all of them",
         ),
         (("--record", "nan"), "got 'nan'"),

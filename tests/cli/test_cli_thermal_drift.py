@@ -85,7 +85,7 @@ def test_a_moving_axis_is_read_at_its_targets_in_turn(thermap, warmed, tmp_path)
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--test", "dance"), "expected one of environment, spindle, linear-axis"),
+        (("--test", "dance"), "expected one of 'environment', 'spindle', 'linear-axis'"),
         (("--test", "linear-axis", "--axis", "x"), "--target"),
         (("--axis", "x"), "--target"),
         (("--growth", "c=3"), "expected x, y or z, got c"),

@@ -135,7 +135,6 @@ class ThermapClient:
     receivers = _asks(calls.receivers)
     test_receiver = _asks(calls.test_receiver)
     events = _asks(calls.events)
-    all_events = _asks(calls.all_events)
     withdrawn_readings = _asks(calls.withdrawn_readings)
     withdraw_reading = _asks(calls.withdraw_reading)
     withdraw_readings = _asks(calls.withdraw_readings)
