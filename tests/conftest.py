@@ -1,6 +1,7 @@
 """What all tests share: databases made fast by copying, the service, its clock, and a client."""
 
 import gc
+import math
 import os
 import re
 from contextlib import ExitStack
@@ -68,13 +69,14 @@ SQLITE_ALONE = {
 }
 
 
+@pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
     """Run on SQLite, which is what a user gets, everything, and some of it on PostgreSQL too.
 
     There, of a test with many cases, the first: cases differ in what the service makes of them.
-    What waits longest begins: at the end, nothing else would be left to run beside it.
+    What takes longest begins, each on a process of its own, of which each is given one stretch of
+    the tests: at the end, nothing else would be left to run beside it.
     """
-    items.sort(key=lambda item: item.get_closest_marker("begin") is None)
     seen, left_out = set(), set()
     for item in items:
         if not POSTGRESQL.search(item.name):
@@ -93,6 +95,13 @@ def pytest_collection_modifyitems(config, items):
         seen.add(test)
     config.hook.pytest_deselected(items=list(left_out))
     items[:] = [item for item in items if item not in left_out]
+    yield
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    stretch = math.ceil(len(items) / processes)
+    longest = [item for item in items if item.get_closest_marker("begin")]
+    items[:] = [item for item in items if item not in longest]
+    for i, item in enumerate(longest):
+        items.insert(i % processes * stretch, item)
 
 
 class Doctests:

@@ -10,6 +10,7 @@ from tests.faults.killed_workers import LOST, Turn, kill_workers, mistakes_in
 
 
 @pytest.mark.slow
+@pytest.mark.begin
 def test_what_killed_workers_ran_comes_to_its_end(databases, tmp_path):
     url = reachable(databases.empty, "postgresql")
     killed = kill_workers(url, tmp_path, 2, machine_count=2, asked_ahead=2)

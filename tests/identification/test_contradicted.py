@@ -90,7 +90,10 @@ def smallest_reversals(found):
 @pytest.mark.slow
 def test_a_plan_beside_stored_verifications_rests_on_what_they_show():
     """From three times the scatter it followed that only effects three times as large are seen."""
-    right, wrong = (plan(campaign_stating(stated), 1) for stated in (1.0, 3.0))
+    right, wrong = (
+        plan(replace(one, verifications=one.verifications[:7]), 1)
+        for one in map(campaign_stating, (1.0, 3.0))
+    )
     assert [note for note in wrong.notes if SAID in note]
     assert not [note for note in right.notes if SAID in note]
     seen, also = smallest_reversals(right), smallest_reversals(wrong)

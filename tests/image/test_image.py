@@ -263,6 +263,7 @@ def started():
 
 
 @pytest.mark.slow
+@pytest.mark.begin
 def test_it_is_built_and_starts_as_the_files_say(
     image, tmp_path, started, databases, free_tcp_port
 ):
