@@ -126,7 +126,8 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
     with reading_machine(context, machine_id) as change:
         if _same_map(change, error_map) is not None:
             known = preview_latest(context, change, f"map {error_map.label!r} is there already")
-            return replace(known, warnings=_remarks(change, error_map))
+            is_there = known.waited_before is None  # else storing it again may activate it
+            return replace(known, is_there=is_there, warnings=_remarks(change, error_map))
         _check(context, change, error_map)
         # No stored map has the number nought.
         draft = _draft(change, StoredMap(0, error_map, context.now()))

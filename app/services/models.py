@@ -91,6 +91,8 @@ class Preview(Answer, published_as="PreviewAnswer", whole=False):
     at the latest reading"""
     warnings: Sequence[str] = ()
     """What is unusual about what would be stored, such as numbers that may be in another unit"""
+    is_there: Annotated[bool, Field(exclude=True)] = False
+    """Whether what would be stored is stored already, so that nothing would change"""
     before: Annotated[InstanceOf[CompensationTable] | None, Field(exclude=True)] = None
     after: Annotated[InstanceOf[CompensationTable] | None, Field(exclude=True)] = None
 

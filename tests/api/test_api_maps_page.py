@@ -1,5 +1,6 @@
 """The page of maps and versions, what it shows before something is stored, and maps from files."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from app.files.instrument_files.renishaw_rtl import read_renishaw_rtl
 from tests.api.test_api_dashboard import feed, shown
 from tests.files.test_renishaw_rtl import BOTH_WAYS
-from tests.service_examples import ROOM, START, iso, problem, reading
+from tests.service_examples import ROOM, START, error_map, iso, problem, reading
 
 pytestmark = pytest.mark.anyio
 
@@ -231,3 +232,28 @@ async def test_a_check_that_neither_version_can_be_held_against_stands_beside_th
     assert answer.status_code == 200
     assert "no length that both can be held against" in answer.text
     assert "RMS of lengths" in answer.text
+
+
+async def test_a_map_that_is_stored_already_is_not_offered_to_be_stored(client):
+    """The same file again makes no version."""
+    content = json.dumps(error_map("again", 27.0)).encode()
+    query = {"name": "again.json", "preview": True}
+
+    async def looked():
+        answer = await client.post(
+            f"{ROOM}/files", params=query, content=content, headers=BINARY | AS_PAGE
+        )
+        assert answer.status_code == 200, answer.text
+        return answer.text
+
+    assert "nothing is stored yet" in (first := await looked())
+    assert 'data-do="store"' in first
+    stored = await client.post(
+        f"{ROOM}/files", params={"name": "again.json"}, content=content, headers=BINARY
+    )
+    assert stored.status_code == 201
+    again = await looked()
+    assert "it is stored already" in again
+    assert "Storing this map again changes nothing." in again
+    assert "as the next version" not in again
+    assert 'data-do="store' not in again

@@ -85,11 +85,11 @@ def upload_preview(
         where the file holds an instrument's readings.
     """
     kind = _("map") if method is None else _("map by %(method)s", method=method)
-    about = _(
-        "%(file)s · %(kind)s ‘%(label)s’: nothing is stored yet",
-        file=name,
-        kind=kind,
-        label=error_map.label,
+    what = {"file": name, "kind": kind, "label": error_map.label}
+    about = (
+        _("%(file)s · %(kind)s ‘%(label)s’: it is stored already", **what)
+        if preview.is_there
+        else _("%(file)s · %(kind)s ‘%(label)s’: nothing is stored yet", **what)
     )
     return _preview_page(
         preview,
@@ -149,6 +149,7 @@ def _preview_page(
         version=version,
         withdrawn=withdrawn,
         active=preview.active_version,
+        is_there=preview.is_there,
         loses=preview.loses,
         gains=preview.gains,
         reason=preview.reason,
@@ -215,6 +216,8 @@ def _version(one: ModelVersion, view: MapsView, now: datetime) -> dict[str, Any]
 def _worst(preview: Preview, subject: str) -> str:
     """Say the worst consequence: what is lost, else the largest change."""
     loses, changes = preview.loses, preview.changes
+    if preview.is_there:
+        return _("Storing this map again changes nothing.")
     if loses:
         lost = loses[0].text
         if len(loses) == 1:
