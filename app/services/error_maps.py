@@ -38,7 +38,11 @@ from app.thermal.error_map import ComponentTable, ErrorMap, impossible_error, po
 from app.thermal.machine import Machine
 from app.thermal.mistaken_maps import MIRRORED, REVERSED, copied, inexplicable, mistakes
 from app.thermal.sensor_health import Health, check_temperatures
-from app.thermal.stated_temperatures import asked_in_fahrenheit, doubted_temperatures
+from app.thermal.stated_temperatures import (
+    asked_in_fahrenheit,
+    doubted_temperatures,
+    exchanged_temperatures,
+)
 from app.units import Unit
 
 SHORT_SHARE_OF_TRAVEL = 0.1
@@ -164,13 +168,15 @@ def _draft(change: MachineChange, stored: StoredMap) -> Draft:
 def _remarks(change: MachineChange, error_map: ErrorMap) -> list[str]:
     """Say what is unusual about a map but no reason to refuse it."""
     machine, latest = change.machine, change.latest
+    maps = [m.error_map for m in latest.maps] if latest else []
+    others = [other for other in maps if other.label != error_map.label]
+    recorded_c = temperatures_then(change.session, machine, error_map.measured_at)
+    unrecorded_c = {s: t for s, t in error_map.temperatures_c.items() if s not in recorded_c}
     remarks = [
         *_doubted_units(error_map),
-        *_doubted_errors(latest, error_map),
-        *doubted_temperatures(
-            error_map.temperatures_c,
-            temperatures_then(change.session, machine, error_map.measured_at),
-        ),
+        *_doubted_errors(latest, error_map, others),
+        *doubted_temperatures(error_map.temperatures_c, recorded_c),
+        *exchanged_temperatures(unrecorded_c, [other.temperatures_c for other in others]),
         *table_remarks(machine, error_map.tables.values()),
     ]
     for sensor in machine.sensors.values():
@@ -211,7 +217,9 @@ def _doubted_units(error_map: ErrorMap) -> list[str]:
     return remarks
 
 
-def _doubted_errors(version: ModelVersion | None, error_map: ErrorMap) -> list[str]:
+def _doubted_errors(
+    version: ModelVersion | None, error_map: ErrorMap, others: Sequence[ErrorMap]
+) -> list[str]:
     """Ask about components that would fit the other maps if a mistake were undone.
 
     Tables would double such an error instead of removing it, and the change at the latest
@@ -219,7 +227,6 @@ def _doubted_errors(version: ModelVersion | None, error_map: ErrorMap) -> list[s
     """
     if version is None:
         return []
-    others = [m.error_map for m in version.maps if m.error_map.label != error_map.label]
     label = copied(error_map, others)
     if label is not None:
         return [f"its errors are those of map {label!r} to the last digit: is one of them a copy?"]

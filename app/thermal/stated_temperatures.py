@@ -6,8 +6,8 @@ between the maps.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from itertools import combinations
+from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations, permutations
 from typing import Final
 
 from app.units import TemperatureUnit
@@ -23,6 +23,10 @@ APART_K: Final = 1.0
 
 WORKSHOP_F: Final = (50.0, 122.0)
 """Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C all of them never do."""
+
+
+FEWEST_OTHERS: Final = 2
+"""Other maps that say which of two sensors is the warmer one: one alone may be the exception."""
 
 
 def asked_in_fahrenheit(temperatures_c: Collection[float]) -> list[str]:
@@ -74,6 +78,42 @@ def doubted_temperatures(
         for name in unexplained
         if abs(stated_c[name] - recorded_c[name]) > FAR_K
     ]
+    return notes
+
+
+def exchanged_temperatures(
+    stated_c: Mapping[str, float], others: Sequence[Mapping[str, float]]
+) -> list[str]:
+    """Ask about two sensors of a map that lie the other way round in all other maps [°C].
+
+    Two other maps at least, in whose range the two would lie if they were exchanged. A machine
+    that cools down may look so too: it is a question.
+
+    >>> others = [{"bed": 20.0, "head": 20.5}, {"bed": 22.0, "head": 26.0}]
+    >>> exchanged_temperatures({"bed": 24.0, "head": 21.5}, others)[0][:50]
+    'head is 2.5 K below bed, where the other maps have'
+    """
+    if len(others) < FEWEST_OTHERS:
+        return []
+    found = []
+    for lower, upper in permutations(stated_c, 2):
+        if not all(lower in other and upper in other for other in others):
+            continue
+        below_k = stated_c[lower] - stated_c[upper]
+        above_k = [other[upper] - other[lower] for other in others]
+        least, most = min(above_k), max(above_k)
+        off, as_stated = max(least - below_k, below_k - most, 0.0), below_k + least
+        if min(below_k, least) > 0.0 and as_stated > max(APART_K, CLEARLY * off):
+            found.append((as_stated, lower, upper, below_k, least, most))
+    notes = []
+    explained: set[str] = set()
+    for _, lower, upper, below_k, least, most in sorted(found, reverse=True):
+        if not explained & {lower, upper}:
+            explained |= {lower, upper}
+            notes.append(
+                f"{upper} is {below_k:.1f} K below {lower}, where the other maps have it "
+                f"{least:.1f} to {most:.1f} K above: are the two exchanged?"
+            )
     return notes
 
 
