@@ -57,6 +57,7 @@ _NO_NAME: Final = re.compile(
 """Words of sentences: what has such a word is not taken for a name."""
 
 _CODE: Final = re.compile(r"\b(?:[A-Z][A-Z0-9]{0,2}|[A-Z]{4,}\d*)\b")
+_GOES_ON: Final = re.compile("[.:;] ")
 _FILE: Final = re.compile(r".+\.[A-Za-z]{2,5}")
 _SEVERAL: Final = re.compile(r" and \d+ more$|^points [xyz], ")
 _QUOTED: Final = re.compile(r"`[^`]*`|'[^']*'|“[^“”]*”|\"[^\"]*\"")
@@ -64,7 +65,7 @@ _NAME: Final = re.compile(r"(?!.*(?:[.;:!?] |  ))[^\s,;:](?:.{0,80}[^\s,;:])?", 
 
 NAMES: Final = re.compile(
     "around|assigned|backward_field|cold|drivers|drifting|field|files?|first|have|having|headings?"
-    "|held_at|instead|key|labels?|lacking|lost|lower|lower_map|machine(?:s|_id)?|minus|missing"
+    "|held_at|instead|key|labels?|lacking|late|lost|lower|lower_map|machine(?:s|_id)?|minus|missing"
     "|mixed|names?|nearest|on|other|other_sensor|parent|pattern|present|present_sensor"
     "|receiver|rival|second|sensors?|setup|spare|stand_in|states?|stay|steady|still_used|subjects"
     "|tied|twice|unassigned|unknown|unmeasured|upper|upper_map|variant|warm|who|worst_setup"
@@ -99,6 +100,8 @@ class _Entry(NamedTuple):
     longest: str
     forms: tuple[str, str]
     is_more: bool
+    ends_alike: bool
+    """Whether what stands at its end stands at the end in the language too."""
 
     def may_be(self, text: str) -> bool:
         """Whether a text has all the literals, in their order."""
@@ -131,12 +134,15 @@ def _entries(language: str) -> tuple[dict[str, _Entry], tuple[list[_Entry], ...]
         if not message.id or not any(is_said_by_the_service(file) for file, _ in message.locations):
             continue
         ids = (message.id,) if isinstance(message.id, str) else message.id
-        if not all((message.string,) if isinstance(message.string, str) else message.string or ()):
+        texts = (message.string,) if isinstance(message.string, str) else message.string or ()
+        if not all(texts):
             continue
         for at, pattern in enumerate(ids):
             literals, places = parts_of(pattern)
             longest = max(literals, key=len)
-            entry = _Entry(literals, places, longest, (ids[0], ids[-1]), at > 0)
+            end = f"%({places[-1]})s" if places else ""
+            ends_alike = language == ENGLISH or all(text.endswith(end) for text in texts)
+            entry = _Entry(literals, places, longest, (ids[0], ids[-1]), at > 0, ends_alike)
             if not places:
                 whole[literals[0]] = entry
             else:
@@ -245,6 +251,8 @@ class _Reading:
                 continue
             if text[at - 1 : at].isalnum() and text[at : at + 1].isalnum():
                 continue  # in the middle of a word
+            if is_last and not literal and not entry.ends_alike and _GOES_ON.search(text, begin):
+                continue  # that would stand in the middle
             read = self._value(name, text[begin:at])
             if read is None:
                 continue
