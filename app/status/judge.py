@@ -317,28 +317,30 @@ def _no_value_of(situation: Situation, sensor: str, since: datetime) -> str:
 
 def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     """Say in one sentence which sensors should have come again, and what rests on them."""
-    late = {
+    sensors = {
         s.sensor: s
         for s in situation.sensors
         if s.is_late and s.no_value_since is None and _resting_on(table, s.sensor)
     }
-    if not late:
+    if not sensors:
         return
-    resting = {code for name in late for code in _resting_on(table, name)}
+    resting = {code for name in sensors for code in _resting_on(table, name)}
     codes = tuple(c.component.code for c in table.components if c.component.code in resting)
-    longest = max(late.values(), key=lambda s: s.age_s or 0.0)
+    longest = max(sensors.values(), key=lambda s: s.age_s or 0.0)
     measured = situation.judged_at - timedelta(seconds=longest.age_s or 0.0)
     words = (
-        f"{list_names(late, MOST_CODES)} {'has' if len(late) == 1 else 'have'} not been read since "
-        f"{measured:%H:%M:%S} UTC, where a reading usually comes every "
+        f"{list_names(sensors, MOST_CODES)} {'has' if len(sensors) == 1 else 'have'} not been "
+        f"read since {measured:%H:%M:%S} UTC, where a reading usually comes every "
         f"{round(longest.interval_s or 0.0, 1):g} s"
     )
     yield Cause(
         State.LATE,
-        _because(words, _rest_on_it(len(codes)) if len(late) == 1 else _rest_on_them(len(codes))),
+        _because(
+            words, _rest_on_it(len(codes)) if len(sensors) == 1 else _rest_on_them(len(codes))
+        ),
         measured + timedelta(seconds=longest.late_after_s or 0.0),
         codes,
-        tuple(late),
+        tuple(sensors),
     )
 
 

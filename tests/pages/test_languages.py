@@ -143,10 +143,10 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
             "Column wurde seit 20:08 UTC nicht gelesen: 8 Komponenten beruhen darauf.",
         ),
         (
-            "x-middle has not been read since 20:08:11 UTC, where a reading usually comes every 1 s: "
-            "13 components rest on it.",
-            "x-middle wurde seit 20:08:11 UTC nicht gelesen, wo sonst alle 1 s eine Meldung kommt: "
-            "13 Komponenten beruhen darauf.",
+            "x-middle has not been read since 20:08:11 UTC, where a reading usually comes every "
+            "1 s: 13 components rest on it.",
+            "x-middle wurde seit 20:08:11 UTC nicht gelesen, wo sonst alle 1 s eine Meldung "
+            "kommt: 13 Komponenten beruhen darauf.",
         ),
         ("nobody knows <b>", None),
     ],
