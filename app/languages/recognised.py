@@ -251,9 +251,12 @@ class _Reading:
                 continue
             if text[at - 1 : at].isalnum() and text[at : at + 1].isalnum():
                 continue  # in the middle of a word
-            if is_last and not literal and not entry.ends_alike and _GOES_ON.search(text, begin):
+            part, is_end = text[begin:at], is_last and not literal
+            if is_end and not entry.ends_alike and _GOES_ON.search(part):
                 continue  # that would stand in the middle
-            read = self._value(name, text[begin:at])
+            if "; " in part and not is_end and not entry.literals[place].endswith(": "):
+                continue  # one thing more does not stand in the middle, but behind a colon
+            read = self._value(name, part)
             if read is None:
                 continue
             if is_last:

@@ -148,6 +148,14 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
             "x-middle wurde seit 20:08:11 UTC nicht gelesen, wo sonst alle 1 s eine Meldung "
             "kommt: 13 Komponenten beruhen darauf.",
         ),
+        (
+            "There is no table: a-1 jumped from 24.5 to 75 °C within 1 s, expected at most "
+            "5 °C/min; b-2 jumped from 24.7 to 77 °C within 1 s, expected at most 5 °C/min. "
+            "Nothing stands in for it, and 2 components cannot be computed.",
+            "Es gibt keine Tabelle: a-1 sprang in 1 s von 76,1 auf 167 °F, erwartet höchstens "
+            "5 °C/min; b-2 sprang in 1 s von 76,5 auf 171 °F, erwartet höchstens 5 °C/min. "
+            "Nichts springt dafür ein, und 2 Komponenten sind nicht zu berechnen.",
+        ),
         ("nobody knows <b>", None),
     ],
 )
