@@ -274,8 +274,8 @@ def _check_sensors_stay(
     still_used = sorted(gone & used)
     if still_used:
         raise Conflict(
-            f"sensors {list_names(still_used)} cannot go: error maps, the sensor assignment or "
-            "adopted effects use them"
+            f"sensors {list_names(still_used)} can neither go nor be renamed: error maps, the "
+            "sensor assignment or adopted effects use their names"
         )
 
 
