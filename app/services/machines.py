@@ -205,7 +205,7 @@ def change_machine(
     Conflict
         If a sensor or an axis goes that maps or the assignment use, maps
         become too close for a sensor's new resolution, or a new travel is evidently
-        in another unit than the positions of stored maps.
+        in another unit than the positions of stored maps, or has none of them.
     """
     with changing_machine(context, machine_id) as change:
         before = change.machine
@@ -289,12 +289,15 @@ def _check_axes_stay(after: Machine, maps: list[StoredMap]) -> None:
 
 
 def _check_travels_fit(before: Machine, after: Machine, maps: list[StoredMap]) -> None:
-    """Refuse a travel beside which the positions of stored maps are in another unit."""
+    """Refuse a travel beside which positions of stored maps are in another unit, or all beyond."""
     changed = {a: t for a, t in after.axes.items() if before.axes.get(a) != t}
     for stored in maps:
         for code, table in stored.error_map.tables.items():
             travel = changed.get(table.component.axis or "")
-            if travel is None or travel.unit_meant(table.positions_mm.tolist()) is None:
+            if travel is None:
+                continue
+            are_beyond = bool(travel.beyond(table.positions_mm).all())
+            if not are_beyond and travel.unit_meant(table.positions_mm.tolist()) is None:
                 continue
             first, last = table.positions_mm[0], table.positions_mm[-1]
             raise Conflict(

@@ -76,11 +76,13 @@ async def test_axes_are_changed_one_by_one_and_null_removes_one(client):
     }
 
 
-async def test_a_travel_in_metres_beside_maps_in_millimetres_is_refused(client, app):
+@pytest.mark.parametrize("ends", [(0, 0.5), (1000, 2000)], ids=["in metres", "elsewhere"])
+async def test_a_travel_that_no_stored_map_can_be_of_is_refused(client, app, ends):
     before = contents(app)
-    body = {"axes": {"x": {"min_mm": 0, "max_mm": 0.5}}}
+    body = {"axes": {"x": dict(zip(("min_mm", "max_mm"), ends, strict=True))}}
     found = problem(await client.patch(ROOM, json=body), 409)
-    assert "got 0 to 0.5 mm, where map 'Run #1' has EXX from 0 to 500 mm" in found["detail"]
+    got = f"got {ends[0]:g} to {ends[1]:g} mm, where map 'Run #1' has EXX from 0 to 500 mm"
+    assert got in found["detail"]
     assert contents(app) == before
     longer = {"axes": {"x": {"min_mm": -100, "max_mm": 900}}}
     assert (await client.patch(ROOM, json=longer)).status_code == 200
