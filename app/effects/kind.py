@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, ClassVar, Literal, TypeAlias
 
 from app.answer import Answer
-from app.effects.campaign_view import OWN_ZEROS, CampaignView
+from app.effects.campaign_view import CampaignView
 from app.effects.claim import Named
 from app.effects.conditions import Signal
 from app.effects.driver import Driver
@@ -25,12 +25,25 @@ DrawnOver: TypeAlias = Literal["driver", "time", "position"]
 
 
 class Need(StrEnum):
-    """What a kind needs before it can be tested."""
+    """What a kind needs before it can be tested, as it is said where that is lacking."""
 
-    STATE = "the machine's state"
-    DIRECTION = "directions of approach"
-    POINTS = "observations at points"
-    MOMENTS = "several visits, or a long one"
+    STATE = "needs the machine's state with the readings or the observations, got none"
+    DIRECTION = "needs observations approached from both directions"
+    POINTS = "needs observations at points of the work volume, ideally with tools of two lengths"
+    MOMENTS = "needs several visits, or one that lasts hours, got one short visit"
+
+    def is_met(self, view: CampaignView) -> bool:
+        """Whether a campaign has it."""
+        match self:
+            case Need.STATE:
+                return bool(view.conditions.states)
+            case Need.DIRECTION:
+                directions = view.rows.directions
+                return bool((directions > 0).any() and (directions < 0).any())
+            case Need.POINTS:
+                return view.rows.has_points
+            case Need.MOMENTS:
+                return len(view.moments_s) > 1
 
 
 class Shakes(StrEnum):
@@ -71,6 +84,10 @@ class NotTested(Answer, published_as="NotTestedAnswer"):
 
     reason: str
     """Why"""
+
+
+Proposed: TypeAlias = Iterator[Hypothesis | NotTested]
+"""What can be tested, and what cannot with the reason, as a kind goes through a campaign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +135,7 @@ class EffectKind(ABC):
 
     kind: ClassVar[str]
     text: ClassVar[str]
-    needs: ClassVar[frozenset[Need]] = frozenset()
+    needs: ClassVar[Need | None] = None
     trending: ClassVar[bool] = False
     only_once: ClassVar[bool] = False
     of_the_type: ClassVar[bool] = False
@@ -143,8 +160,8 @@ class EffectKind(ABC):
     gone: ClassVar[str] = "a map does not state the temperatures that it needs"
 
     @abstractmethod
-    def propose(self, view: CampaignView) -> Proposals:
-        """List what can be tested in a campaign whose `needs` are met."""
+    def propose(self, view: CampaignView) -> Proposed:
+        """List what can be tested in a campaign that has what it `needs`, and what cannot."""
 
     @abstractmethod
     def explain(self, effect: Effect) -> str:
@@ -152,15 +169,17 @@ class EffectKind(ABC):
 
     def candidates(self, view: CampaignView) -> Proposals:
         """List what can be tested in a campaign, and what cannot, with the reason."""
-        lacking = [reason for need in sorted(self.needs) if (reason := _lacks(view, need))]
-        if lacking:
-            return Proposals(not_testable=[NotTested(self.kind, "", lacking[0])])
-        proposals = self.propose(view)
-        hypotheses = [
-            replace(h, only_once=self.only_once, trending=self.trending)
-            for h in proposals.hypotheses
-        ]
-        return Proposals(hypotheses, proposals.not_testable)
+        if self.needs is not None and not self.needs.is_met(view):
+            return Proposals(not_testable=[self.refuse("", self.needs)])
+        proposals = Proposals()
+        for proposed in self.propose(view):
+            if isinstance(proposed, NotTested):
+                proposals.not_testable.append(proposed)
+            else:
+                proposals.hypotheses.append(
+                    replace(proposed, only_once=self.only_once, trending=self.trending)
+                )
+        return proposals
 
     def which_map(self, variant: str) -> str:
         """Give the label of the one map that a variant is about; empty where it is about none."""
@@ -272,64 +291,28 @@ def together_and_each(codes: tuple[str, ...]) -> list[tuple[str, ...]]:
     return [codes, *((code,) for code in codes if len(codes) > 1)]
 
 
-def time_constants_s(
-    kind: EffectKind, view: CampaignView, signal: Signal, proposals: Proposals, late: str = ""
-) -> tuple[float, ...]:
-    """List the time constants that can be tested [s]; say why where there are none.
+def not_late(
+    kind: EffectKind, view: CampaignView, grids_s: Mapping[Signal, Sequence[float]], late: str
+) -> Iterator[NotTested]:
+    """Say of signals without a time constant that can be tested why there is none.
 
     Parameters
     ----------
     late
-        Which form of the kind needs one; empty where all do.
+        Which form of the kind needs one.
     """
-    grid_s = view.time_constants_s(signal)
-    if not grid_s:
-        what = ", ".join(filter(None, (signal.name, late)))
-        proposals.not_testable.append(kind.refuse(what, view.why_no_lag(signal)))
-    return grid_s
+    for signal, grid_s in grids_s.items():
+        if not grid_s:
+            yield kind.refuse(f"{signal.name}, {late}", view.why_no_lag(signal))
 
 
-def by_comparable_shapes(
-    kind: EffectKind,
-    view: CampaignView,
-    propose: Callable[[str, list[Shape]], Iterable[Hypothesis]],
-) -> Proposals:
-    """Propose what changes from visit to visit, in the shapes in which it would show."""
-    proposals = Proposals()
-    for code in view.components:
-        shapes = view.comparable_shapes(code, view.shapes(code))
-        proposals.hypotheses.extend(propose(code, shapes) if shapes else ())
-        if not shapes:
-            proposals.not_testable.append(kind.refuse(code, OWN_ZEROS))
-    return proposals
-
-
-def constant_sensors(kind: EffectKind, view: CampaignView) -> list[NotTested]:
+def constant_sensors(kind: EffectKind, view: CampaignView) -> Iterator[NotTested]:
     """Name the sensors that cannot drive anything, because they are not known or stood still."""
-    return [
-        kind.refuse(name, constant_sensor_reason(name))
-        for name in view.conditions.temperatures_c
-        if name not in view.varying_sensors
-    ]
+    for name in view.conditions.temperatures_c:
+        if name not in view.varying_sensors:
+            yield kind.refuse(name, constant_sensor_reason(name))
 
 
 def constant_sensor_reason(sensor: str) -> str:
     """Say why a sensor cannot drive anything."""
     return f"{sensor} did not change during this campaign, or its readings are missing"
-
-
-def _lacks(view: CampaignView, need: Need) -> str:
-    if need is Need.POINTS and not view.rows.has_points:
-        return "needs observations at points of the work volume, ideally with tools of two lengths"
-    if need is Need.DIRECTION and not _both_directions(view):
-        return "needs observations approached from both directions"
-    if need is Need.MOMENTS and len(view.moments_s) < 2:
-        return "needs several visits, or one that lasts hours, got one short visit"
-    if need is Need.STATE and not view.conditions.states:
-        return "needs the machine's state with the readings or the observations, got none"
-    return ""
-
-
-def _both_directions(view: CampaignView) -> bool:
-    directions = view.rows.directions
-    return bool((directions > 0).any() and (directions < 0).any())

@@ -284,7 +284,7 @@ def test_drivers_that_were_stored_before_any_could_be_late_act_at_once(driver):
 
 
 def test_a_reversal_has_the_sign_of_the_approach():
-    hypothesis = next(h for h in kind_of("backlash").propose(example_view()).hypotheses)
+    hypothesis = next(h for h in kind_of("backlash").candidates(example_view()).hypotheses)
     effect = hypothesis.fitted(Estimate(None, None, np.array([1.5]), np.array([[0.01]])))
     assert effect.parameters == {"reversal_um": 3.0}
     assert effect.standard_errors == {"reversal_um": pytest.approx(0.2)}
@@ -353,7 +353,7 @@ def test_rotations_and_slopes_act_through_their_arms():
 
 
 def test_amplitude_and_phase_of_a_sine_with_their_errors():
-    hypothesis = next(h for h in kind_of("periodic").propose(example_view()).hypotheses)
+    hypothesis = next(h for h in kind_of("periodic").candidates(example_view()).hypotheses)
     covariance = np.array([[0.010, 0.002], [0.002, 0.020]])
     effect = hypothesis.fitted(Estimate(13.4, 0.01, np.array([3.0, 4.0]), covariance))
     assert effect.parameters["amplitude_um"] == pytest.approx(5.0)

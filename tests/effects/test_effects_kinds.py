@@ -78,7 +78,7 @@ def test_a_state_that_stood_while_a_component_was_observed_is_a_constant_of_that
         rpm[where.projection.view("EYY").rows] = there_rpm
     conditions = replace(where.conditions, states={"spindle_rpm": rpm})
     view = CampaignView(where.model, where.maps, where.rows, conditions)
-    proposed = StateVariable().propose(view)
+    proposed = StateVariable().candidates(view)
     at_once = {h.components[0] for h in proposed.hypotheses if h.nonlinear is None}
     late = {h.components[0] for h in proposed.hypotheses if h.nonlinear is not None}
     assert "EZZ" in at_once

@@ -101,7 +101,7 @@ def test_exchanged_plugs_leave_each_sensors_components_at_the_others_temperature
 
 
 def test_sensors_of_which_no_component_follows_either_cannot_be_seen_exchanged(view):
-    pairs = {frozenset(h.sensors) for h in kind_of("exchanged-sensors").propose(view).hypotheses}
+    pairs = {frozenset(h.sensors) for h in kind_of("exchanged-sensors").candidates(view).hypotheses}
     assert frozenset(("y-front", "spindle")) not in pairs
     assert frozenset(("x-middle", "spindle")) in pairs
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import AboveReference
@@ -13,9 +10,9 @@ from app.effects.kind import (
     AsOtherSensor,
     EffectKind,
     Need,
-    Proposals,
+    Proposed,
     constant_sensors,
-    time_constants_s,
+    not_late,
 )
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
@@ -31,17 +28,17 @@ from app.effects.words import size_along, symbol_of
 class AdditionalSensor(EffectKind):
     """A component moves with a second sensor as well, evenly or rising along its axis."""
 
-    kind: ClassVar[str] = "additional-sensor"
-    text: ClassVar[str] = "a component also moves with a second sensor, at once or late"
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
-    zero_in_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "additional-sensor"
+    text = "a component also moves with a second sensor, at once or late"
+    as_other_sensor = AsOtherSensor.IMITATION
+    zero_in_maps = True
+    needs = Need.MOMENTS
+    of_the_type = True
+    shown_by = (
         "measure {component} every 10 min while {sensor} changes and for some hours afterwards, "
         "with the assigned sensor held steady"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "additional-sensor": (
             "create a temperature difference between {sensor} and {rival}, and measure "
             "{component} in that state"
@@ -56,24 +53,20 @@ class AdditionalSensor(EffectKind):
         ),
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component with every sensor that is not its own, in two forms, at once and late."""
-        proposals = Proposals(not_testable=constant_sensors(self, view))
-        grids = {
-            sensor: time_constants_s(self, view, Signal("temperature", sensor), proposals, LATE)
-            for sensor in view.varying_sensors
-        }
+        yield from constant_sensors(self, view)
+        signals = [Signal("temperature", sensor) for sensor in view.varying_sensors]
+        grids_s = {signal: view.time_constants_s(signal) for signal in signals}
+        yield from not_late(self, view, grids_s, LATE)
         for code in view.components:
-            for sensor, grid_s in grids.items():
+            for (_, sensor, _), grid_s in grids_s.items():
                 if sensor != view.sensor_of(code):
                     drivers = {
                         SINCE: AboveReference(sensor, view.reference_c(sensor)),
                         BEYOND: view.beyond_maps(code, sensor),
                     }
-                    proposals.hypotheses.extend(
-                        at_once_and_late(self.kind, view, code, drivers, grid_s)
-                    )
-        return proposals
+                    yield from at_once_and_late(self.kind, view, code, drivers, grid_s)
 
     def explain(self, effect: Effect) -> str:
         """Say with which sensor what moves, how late, and how much."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import SinceReference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
-from app.effects.kind import DrawnOver, EffectKind, Need, OverTime, Proposals
+from app.effects.kind import EffectKind, Need, OverTime, Proposed
 from app.effects.kinds.drift import beginnings_s
 from app.effects.words import components
 from app.units import plus_minus
@@ -22,29 +20,27 @@ class AgeingSensor(EffectKind):
     the temperature, as with a bias (`sensor-fault`).
     """
 
-    kind: ClassVar[str] = "ageing-sensor"
-    text: ClassVar[str] = "a sensor's bias grows steadily with time"
-    over_time: ClassVar[OverTime | None] = OverTime.GROWS
-    measured_along: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "time"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    trending: ClassVar[bool] = True
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "ageing-sensor"
+    text = "a sensor's bias grows steadily with time"
+    over_time = OverTime.GROWS
+    measured_along = True
+    drawn_over = "time"
+    needs = Need.MOMENTS
+    trending = True
+    only_once = True
+    shown_by = (
         "compare {sensor} with a calibrated thermometer placed beside it, now and again after a "
         "period as long as this campaign"
     )
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every sensor that components follow, since the maps or since the first visit."""
-        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if not view.has_comparable_slope(codes):
-                proposals.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                yield self.refuse(sensor, OWN_ZEROS)
                 continue
             for variant, since_s in beginnings_s(view, codes[0]).items():
-                proposals.hypotheses.append(_hypothesis(sensor, codes, variant, since_s))
-        return proposals
+                yield _hypothesis(sensor, codes, variant, since_s)
 
     def explain(self, effect: Effect) -> str:
         """Say how fast it ages."""

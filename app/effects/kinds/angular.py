@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
@@ -15,16 +14,16 @@ from app.geometry.components import Kind
 class Angular(LackedByMaps):
     """A rotation of an axis that no map has, constant in time or growing with a temperature."""
 
-    kind: ClassVar[str] = "angular"
-    text: ClassVar[str] = "a roll, pitch or yaw error that the maps lack"
-    of: ClassVar[Kind] = Kind.ANGULAR
-    name: ClassVar[str] = "rotation"
-    size: ClassVar[str] = "angle"
-    shown_by: ClassVar[str] = (
+    kind = "angular"
+    text = "a roll, pitch or yaw error that the maps lack"
+    of = Kind.ANGULAR
+    name = "rotation"
+    size = "angle"
+    shown_by = (
         "measure the same points with a short and a long tool, or measure {component} itself "
         "with a level or an angular interferometer"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "nonrigid-slope": (
             "measure the same points with a short and a long tool: the effect of a rotation "
             "grows with the tool, that of a slope does not"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import EffectKind, Need, Proposed
 from app.effects.shape import Everywhere, Rising
 from app.effects.term import Term
 from app.effects.words import size_along, symbol_of
@@ -25,36 +22,32 @@ class Backlash(EffectKind):
     The reversal value is that of ISO 230-2: coming from below minus coming from above.
     """
 
-    kind: ClassVar[str] = "backlash"
-    text: ClassVar[str] = "reversal error: half the reversal value with the sign of the approach"
-    alternates: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "position"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.DIRECTION})
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "backlash"
+    text = "reversal error: half the reversal value with the sign of the approach"
+    alternates = True
+    drawn_over = "position"
+    needs = Need.DIRECTION
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "approach the same positions of {component} alternately from both sides, five times each"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "periodic": "approach each position of {component} from both sides: reversal shows as the "
         "difference between the two, whatever the position",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component whose own axis came from both sides."""
-        proposals = Proposals()
         for code in view.tables:
             directions = view.projection.view(code).places.directions
             if not ((directions > 0).any() and (directions < 0).any()):
                 axis = str(COMPONENTS[code].axis).upper()
-                reason = f"{axis} was always approached from the same side"
-                proposals.not_testable.append(self.refuse(code, reason))
+                yield self.refuse(code, f"{axis} was always approached from the same side")
                 continue
-            rising = view.rising(code)
-            proposals.hypotheses.append(_hypothesis(code, None))
-            if rising is not None:
-                proposals.hypotheses.append(_hypothesis(code, rising))
-        return proposals
+            yield _hypothesis(code, None)
+            if (rising := view.rising(code)) is not None:
+                yield _hypothesis(code, rising)
 
     def explain(self, effect: Effect) -> str:
         """Say how large the reversal is."""

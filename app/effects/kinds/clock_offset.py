@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Hypothesis, Nonlinear
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
+from app.effects.kind import EffectKind, Need, Proposed, Shakes
 from app.effects.kinds.step import times_within
 from app.effects.projection import Projection
 from app.effects.supposition import InMaps, left_by_temperatures, since
@@ -56,25 +56,23 @@ class ClockOffset(EffectKind):
     Measured minus predicted is E(T(t + apart)) − E(T(t)), of all sensors that components follow.
     """
 
-    kind: ClassVar[str] = "clock-offset"
-    text: ClassVar[str] = "the clocks of the readings and of the observations disagree"
-    drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = (
-        "of what this clock difference would cause: 1 if the clocks differ by it"
-    )
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "clock-offset"
+    text = "the clocks of the readings and of the observations disagree"
+    drawn_over = "time"
+    share_of = "of what this clock difference would cause: 1 if the clocks differ by it"
+    needs = Need.MOMENTS
+    only_once = True
+    shown_by = (
         "compare the clock of the computer that sends the readings with that of the measuring "
         "computer, including time zone and daylight saving time"
     )
-    not_adopted: ClassVar[str] = (
+    not_adopted = (
         "the times of the observations are wrong, not the model: store the verifications again "
         "with the right times"
     )
-    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
+    shakes = Shakes.TEMPERATURES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """One for everything, over the offsets at which the readings are known."""
         followed = [s for s in view.components_by_sensor if s in view.varying_sensors]
         codes = tuple(c for s in followed for c in view.components_by_sensor[s])
@@ -83,7 +81,8 @@ class ClockOffset(EffectKind):
                 f"only {codes[0]} was observed, and it may lead or lag its sensor for reasons of "
                 "its own"
             )
-            return Proposals(not_testable=[self.refuse("clocks", reason)])
+            yield self.refuse("clocks", reason)
+            return
         grid = [
             by_s
             for sign in (-1.0, 1.0)
@@ -95,7 +94,8 @@ class ClockOffset(EffectKind):
                 "no sensor that components follow changes and has enough readings some minutes "
                 "before or after the observations"
             )
-            return Proposals(not_testable=[self.refuse("clocks", reason)])
+            yield self.refuse("clocks", reason)
+            return
         grid.sort()
         nonlinear = Nonlinear(
             APART_NAME, SECONDS_PER_MIN, tuple(grid), (grid[0], grid[-1]), log_scale=False
@@ -107,7 +107,8 @@ class ClockOffset(EffectKind):
             supposed=partial(later_readings, tuple(followed)),
             expected=WHOLE,
         )
-        return Proposals([always, *_of_an_hour(view, always, tuple(followed))])
+        yield always
+        yield from _of_an_hour(view, always, tuple(followed))
 
     def explain(self, effect: Effect) -> str:
         """Say how far apart, and which way."""

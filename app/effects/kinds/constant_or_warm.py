@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import AboveReference, Always
 from app.effects.hypothesis import Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals, additive
+from app.effects.kind import EffectKind, Need, Proposed, additive
 from app.geometry.components import COMPONENTS, Kind
 
 CONSTANT: Final = "constant"
@@ -22,9 +22,9 @@ class LackedByMaps(EffectKind):
     `of` is that kind and `name` its word; an amplitude of a constant one is called `size`.
     """
 
-    lacked_by_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    of_the_type: ClassVar[bool] = True
+    lacked_by_maps = True
+    needs = Need.POINTS
+    of_the_type = True
     of: ClassVar[Kind]
     name: ClassVar[str]
     size: ClassVar[str]
@@ -33,7 +33,7 @@ class LackedByMaps(EffectKind):
     def may_grow_with(self, view: CampaignView, code: str) -> Iterable[str]:
         """Name the sensors with which a component may grow."""
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Each of them, constant and with a temperature."""
         lacking = [
             c.code
@@ -41,16 +41,11 @@ class LackedByMaps(EffectKind):
             if c.kind is self.of and c.code not in view.in_model and view.shows(c.code)
         ]
         if not lacking:
-            what = self.name
-            why = f"the maps already have every {what} that these observations can show"
-            return Proposals(not_testable=[self.refuse("", why)])
-        return Proposals(
-            [
-                self._hypothesis(view, code, sensor)
-                for code in lacking
-                for sensor in ("", *self.may_grow_with(view, code))
-            ]
-        )
+            why = f"the maps already have every {self.name} that these observations can show"
+            yield self.refuse("", why)
+        for code in lacking:
+            for sensor in ("", *self.may_grow_with(view, code)):
+                yield self._hypothesis(view, code, sensor)
 
     def _hypothesis(self, view: CampaignView, code: str, sensor: str) -> Hypothesis:
         if sensor:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Difference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, Reported, moved_temperature
-from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposed
 from app.effects.words import components, parameter
 from app.search.candidate import Expected
 
@@ -28,33 +28,27 @@ class DetachedSensor(EffectKind):
     what is found and adopted moves the temperature.
     """
 
-    kind: ClassVar[str] = "detached-sensor"
-    text: ClassVar[str] = (
-        "a sensor reads a mix of its body's temperature and that of its surroundings"
-    )
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
-    measured_along: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of its body's temperature in the reading"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "detached-sensor"
+    text = "a sensor reads a mix of its body's temperature and that of its surroundings"
+    as_other_sensor = AsOtherSensor.IMITATION
+    measured_along = True
+    drawn_over = "time"
+    share_of = "of its body's temperature in the reading"
+    needs = Need.MOMENTS
+    only_once = True
+    shown_by = (
         "press a second thermometer onto the body beside the sensor that {component} follows, "
         "while that body is much warmer than {sensor}"
     )
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every sensor that components follow, with each that may say what surrounds it."""
         followed = view.components_by_sensor
         around = [s for s in view.varying_sensors if s not in followed] or view.varying_sensors
-        return Proposals(
-            [
-                _hypothesis(sensor, other, codes)
-                for sensor, codes in followed.items()
-                for other in around
-                if sensor in view.varying_sensors and other != sensor
-            ]
-        )
+        for sensor, codes in followed.items():
+            for other in around if sensor in view.varying_sensors else ():
+                if other != sensor:
+                    yield _hypothesis(sensor, other, codes)
 
     def explain(self, effect: Effect) -> str:
         """Say between what it reads."""

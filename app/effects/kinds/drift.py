@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import ClassVar
-
 import numpy as np
 
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import SinceReference
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
 from app.effects.kind import (
-    DrawnOver,
     EffectKind,
     Need,
     OverTime,
-    Proposals,
+    Proposed,
     additive,
-    by_comparable_shapes,
 )
 from app.effects.map_tables import times_of_maps
-from app.effects.shape import Shape
 from app.effects.words import size_along, symbol_of
 
 SINCE_MAPS, SINCE_FIRST = "since the maps", "since the first visit"
@@ -31,29 +23,38 @@ SINCE_MAPS, SINCE_FIRST = "since the maps", "since the first visit"
 class Drift(EffectKind):
     """A component changes evenly with time, whatever the temperatures."""
 
-    kind: ClassVar[str] = "drift"
-    text: ClassVar[str] = "a change linear in time: wear, creep, settling"
-    over_time: ClassVar[OverTime | None] = OverTime.GROWS
-    of_time_alone: ClassVar[bool] = True
-    measured_along: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "time"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    trending: ClassVar[bool] = True
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "drift"
+    text = "a change linear in time: wear, creep, settling"
+    over_time = OverTime.GROWS
+    of_time_alone = True
+    measured_along = True
+    drawn_over = "time"
+    needs = Need.MOMENTS
+    trending = True
+    only_once = True
+    shown_by = (
         "measure {component} again after a period as long as this campaign, at temperatures that "
         "occurred in it"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "step": "measure {component} again after a period as long as this campaign: a drift will "
         "have gone on, a step will not",
         "thermal-lag": "measure {component} after a night of rest, at the same temperatures on two "
         "different days",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component, drifting since its maps or since the first visit."""
-        return by_comparable_shapes(self, view, partial(_hypotheses, view))
+        for code in view.components:
+            shapes = view.comparable_shapes(code, view.shapes(code))
+            if not shapes:
+                yield self.refuse(code, OWN_ZEROS)
+                continue
+            for variant, since_s in beginnings_s(view, code).items():
+                yield additive(
+                    *(self.kind, code, SinceReference(since_s), shapes, "drift_{unit}_per_day"),
+                    variant=variant,
+                )
 
     def explain(self, effect: Effect) -> str:
         """Say what drifts, and how fast."""
@@ -68,11 +69,3 @@ def beginnings_s(view: CampaignView, code: str) -> dict[str, float]:
         SINCE_MAPS: float(np.mean(measured or [view.moments_s[0]])),
         SINCE_FIRST: float(view.moments_s[0]),
     }
-
-
-def _hypotheses(view: CampaignView, code: str, shapes: list[Shape]) -> list[Hypothesis]:
-    size = "drift_{unit}_per_day"
-    return [
-        additive(Drift.kind, code, SinceReference(since_s), shapes, size, variant=variant)
-        for variant, since_s in beginnings_s(view, code).items()
-    ]

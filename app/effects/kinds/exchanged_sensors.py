@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import ClassVar, Final
+from typing import Final
 
 from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
@@ -14,10 +14,9 @@ from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Hypothesis
 from app.effects.kind import (
     AsOtherSensor,
-    DrawnOver,
     EffectKind,
     Need,
-    Proposals,
+    Proposed,
     Shakes,
     constant_sensors,
 )
@@ -39,29 +38,27 @@ class ExchangedSensors(EffectKind):
     `other-sensor`.
     """
 
-    kind: ClassVar[str] = "exchanged-sensors"
-    text: ClassVar[str] = "two sensors are swapped: each reads the temperature of the other's place"
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
-    drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of what swapping the two readings would cause: 1 if they are swapped"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
-        "warm the place of {sensor} by hand for a minute, and see whose reading rises"
-    )
-    not_adopted: ClassVar[str] = (
+    kind = "exchanged-sensors"
+    text = "two sensors are swapped: each reads the temperature of the other's place"
+    as_other_sensor = AsOtherSensor.IMITATION
+    drawn_over = "time"
+    share_of = "of what swapping the two readings would cause: 1 if they are swapped"
+    needs = Need.MOMENTS
+    only_once = True
+    shown_by = "warm the place of {sensor} by hand for a minute, and see whose reading rises"
+    not_adopted = (
         "it is a mistake in the wiring, not in the model: a correction would become wrong as "
         "soon as somebody puts the plugs right"
     )
-    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
+    shakes = Shakes.TEMPERATURES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every pair of sensors of which components follow one at least.
 
         Since some visit, only pairs that both are followed: of others there are many, and what one
         sensor alone shows from some time on is its own fault as well.
         """
-        proposals = Proposals(not_testable=constant_sensors(self, view))
+        yield from constant_sensors(self, view)
         times = times_within(view)
         for pair, codes in _pairs(view):
             always = Hypothesis(
@@ -71,17 +68,10 @@ class ExchangedSensors(EffectKind):
                 supposed=partial(_supposed, pair),
                 expected=WHOLE,
             )
-            proposals.hypotheses.append(always)
+            yield always
             if times and all(sensor in view.components_by_sensor for sensor in pair):
-                proposals.hypotheses.append(
-                    replace(
-                        always,
-                        variant=SINCE_VISIT,
-                        nonlinear=times,
-                        supposed=since(partial(_supposed, pair)),
-                    )
-                )
-        return proposals
+                begun = since(partial(_supposed, pair))
+                yield replace(always, variant=SINCE_VISIT, nonlinear=times, supposed=begun)
 
     def explain(self, effect: Effect) -> str:
         """Say which two are exchanged."""

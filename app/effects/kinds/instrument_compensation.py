@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import BeyondMaps
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear
-from app.effects.kind import EffectKind, Need, Proposals, constant_sensors
+from app.effects.kind import EffectKind, Need, Proposed, constant_sensors
 from app.effects.observations import POINT_CHANNELS
 from app.effects.projection import Projection
 from app.effects.words import TWO_ERRORS, parameter
@@ -65,46 +65,45 @@ class InstrumentCompensation(EffectKind):
     its size tells it from the machine: then it is what air or steel would do, or nothing.
     """
 
-    kind: ClassVar[str] = "instrument-compensation"
-    text: ClassVar[str] = (
+    kind = "instrument-compensation"
+    text = (
         "lengths on all axes grow alike with one temperature, as with an instrument that does "
         "not correct them for the air or the material"
     )
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    never_sure: ClassVar[str] = (
+    needs = Need.MOMENTS
+    only_once = True
+    never_sure = (
         "it may come from the instrument rather than the machine: an instrument that corrects "
         "its lengths wrongly for the air or the material shows exactly this"
     )
-    shown_by: ClassVar[str] = (
+    shown_by = (
         "measure {component} at two temperatures of {sensor} with another instrument, or against "
         "a gauge block or step gauge of known expansion: an error of the machine shows again; "
         "also warm one axis alone: its own scale grows with its own temperature, but an "
         "instrument's lengths keep growing with {sensor}"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "instrument-compensation": (
             "create a temperature difference between {sensor} and {rival}, and measure "
             "{component} in that state"
         )
     }
-    not_adopted: ClassVar[str] = (
+    not_adopted = (
         "the instrument may show it as well as the machine, and nothing of the instrument may "
         "come into the tables: a machine's scales have temperatures of their own and hardly all "
         "expand alike with one, and the air of a laser's path does not reach a machined part"
     )
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every sensor, with what one instrument may have measured: lines, points, or both."""
-        proposals = Proposals(not_testable=constant_sensors(self, view))
+        yield from constant_sensors(self, view)
         measured = list(_measured_together(view))
         if not measured:
             reason = "needs positioning errors at two or more positions, or observations at points"
-            proposals.not_testable.append(self.refuse("lengths", reason))
+            yield self.refuse("lengths", reason)
         for channels in measured:
             for sensor in view.varying_sensors:
-                proposals.hypotheses.extend(_hypotheses(view, channels, sensor))
-        return proposals
+                yield from _hypotheses(view, channels, sensor)
 
     def explain(self, effect: Effect) -> str:
         """Say what grows with what, by how much, and what would do so."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from app.arrays import FloatArray, IntArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, Nonlinear
-from app.effects.kind import DrawnOver, EffectKind, Proposals
+from app.effects.kind import EffectKind, Proposed
 from app.effects.observations import ObservationRows
 from app.effects.projection import Projection
 from app.effects.words import parameter
@@ -43,31 +42,28 @@ class InstrumentWarmUp(EffectKind):
     of points. What the machine itself does whenever it is measured looks the same.
     """
 
-    kind: ClassVar[str] = "instrument-warm-up"
-    text: ClassVar[str] = (
-        "readings settle alike after each mounting, as with a laser that is warming up"
-    )
-    drawn_over: ClassVar[DrawnOver] = "time"
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "instrument-warm-up"
+    text = "readings settle alike after each mounting, as with a laser that is warming up"
+    drawn_over = "time"
+    only_once = True
+    shown_by = (
         "leave the instrument switched on for two hours, aligned and untouched, and record "
         "{component} at one place"
     )
-    not_adopted: ClassVar[str] = (
+    not_adopted = (
         "it starts afresh with each mounting, so it comes from the instrument, or from what "
         "measuring does to the machine: machined parts never meet it"
     )
 
-    spoils: ClassVar[Mapping[str, str]] = {
+    spoils = {
         "outdated-map": (
             "the instrument settles in every visit, so a constant reading may be its own: "
             "measure with a warm instrument first"
         )
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component, and every direction at points, that was observed in some visits."""
-        proposals = Proposals()
         for code in view.rows.channels:
             chosen = view.rows.of_channel(code)
             visits = np.unique(view.rows.visit[chosen]).size
@@ -75,10 +71,9 @@ class InstrumentWarmUp(EffectKind):
                 reason = (
                     f"needs at least {FEWEST_VISITS} set-ups in which it was observed, got {visits}"
                 )
-                proposals.not_testable.append(self.refuse(code, reason))
-                continue
-            proposals.hypotheses.append(_hypothesis(code, _longest_s(view.rows, chosen)))
-        return proposals
+                yield self.refuse(code, reason)
+            else:
+                yield _hypothesis(code, _longest_s(view.rows, chosen))
 
     def explain(self, effect: Effect) -> str:
         """Say what settles, by how much, how fast."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Hypothesis, Nonlinear
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
+from app.effects.kind import EffectKind, Need, Proposed, Shakes
 from app.effects.kinds.clock_offset import (
     FEWEST_COMPONENTS,
     is_known_apart,
@@ -30,38 +30,34 @@ class LateSensor(EffectKind):
     is behind its sensor.
     """
 
-    kind: ClassVar[str] = "late-sensor"
-    text: ClassVar[str] = "a sensor reports late"
-    drawn_over: ClassVar[DrawnOver] = "time"
-    share_of: ClassVar[str] = "of what a sensor this late would cause: 1 if it is"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
-        "warm {sensor} by hand, and note how long its reading takes to rise and to arrive"
-    )
-    not_adopted: ClassVar[str] = (
+    kind = "late-sensor"
+    text = "a sensor reports late"
+    drawn_over = "time"
+    share_of = "of what a sensor this late would cause: 1 if it is"
+    needs = Need.MOMENTS
+    only_once = True
+    shown_by = "warm {sensor} by hand, and note how long its reading takes to rise and to arrive"
+    not_adopted = (
         "when a table is asked for, what the sensor has yet to report is unknown: the sensor "
         "must be made to report without delay"
     )
-    shakes: ClassVar[Shakes] = Shakes.TEMPERATURES
+    shakes = Shakes.TEMPERATURES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every sensor that several components follow."""
-        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
             if len(codes) < FEWEST_COMPONENTS:
                 reason = f"only {codes[0]} follows it, and may lead it for reasons of its own"
-                proposals.not_testable.append(self.refuse(sensor, reason))
+                yield self.refuse(sensor, reason)
                 continue
             grid = tuple(by_s for by_s in LATE_S if is_known_apart(view, sensor, by_s))
             if sensor not in view.varying_sensors or not grid:
                 reason = (
                     "it did not change, or has too few readings some minutes after the observations"
                 )
-                proposals.not_testable.append(self.refuse(sensor, reason))
-                continue
-            proposals.hypotheses.append(_hypothesis(view, sensor, codes, grid))
-        return proposals
+                yield self.refuse(sensor, reason)
+            else:
+                yield _hypothesis(view, sensor, codes, grid)
 
     def explain(self, effect: Effect) -> str:
         """Say how late."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from app.arrays import FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported
-from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
+from app.effects.kind import EffectKind, Proposed, Shakes
 from app.effects.map_tables import maps_of_label
 from app.effects.projection import Projection
 from app.effects.words import TWO_ERRORS, components, parameter, verb
@@ -57,22 +57,20 @@ class MapFactor(EffectKind):
     outdated one.
     """
 
-    kind: ClassVar[str] = "map-factor"
-    text: ClassVar[str] = "tables have the wrong sign or the wrong unit"
-    drawn_over: ClassVar[DrawnOver] = "position"
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
-        "compare the stored tables of {component} with the instrument's own report"
-    )
-    not_adopted: ClassVar[str] = (
+    kind = "map-factor"
+    text = "tables have the wrong sign or the wrong unit"
+    drawn_over = "position"
+    only_once = True
+    shown_by = "compare the stored tables of {component} with the instrument's own report"
+    not_adopted = (
         "the stored maps are wrong: store them right, for a correction beside them would then be "
         "wrong"
     )
-    shakes: ClassVar[Shakes] = Shakes.VALUES
+    shakes = Shakes.VALUES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component in all maps and in each; all of each map; everything."""
-        return Proposals([_hypothesis(view, codes, label) for codes, label in _tables(view)])
+        return (_hypothesis(view, codes, label) for codes, label in _tables(view))
 
     def explain(self, effect: Effect) -> str:
         """Say which tables are wrong, and how."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Amplitudes, Estimate, Hypothesis, Nonlinear, Reported
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import EffectKind, Need, Proposed
 from app.effects.shape import Exchange
 from app.effects.term import Term
 from app.effects.words import components, parameter
@@ -32,20 +32,19 @@ class MapTemperature(EffectKind):
     is that scale.
     """
 
-    kind: ClassVar[str] = "map-temperature"
-    text: ClassVar[str] = "the temperature of a map was recorded wrongly"
-    gone: ClassVar[str] = "its map is gone, or its temperature has been put right"
-    share_of: ClassVar[str] = "of what the tables say once that temperature is put right"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    drawn_over: ClassVar[DrawnOver] = "driver"
-    shown_by: ClassVar[str] = (
+    kind = "map-temperature"
+    text = "the temperature of a map was recorded wrongly"
+    gone = "its map is gone, or its temperature has been put right"
+    share_of = "of what the tables say once that temperature is put right"
+    needs = Need.MOMENTS
+    shown_by = (
         "look up {sensor} in the records of the day on which the map was measured, or measure "
         "the map of {component} again"
     )
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every map of every sensor that components follow."""
-        return Proposals([_hypothesis(*noted) for noted in _noted(view)])
+        return (_hypothesis(*noted) for noted in _noted(view))
 
     def explain(self, effect: Effect) -> str:
         """Say what was noted, and what the data say."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView, travel_of
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Hypothesis
-from app.effects.kind import DrawnOver, EffectKind, Proposals, Shakes
+from app.effects.kind import EffectKind, Proposed, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
 from app.effects.words import components
@@ -38,23 +38,21 @@ class MirroredAxis(EffectKind):
     have the wrong sign as well, where the instrument stood at the other end.
     """
 
-    kind: ClassVar[str] = "mirrored-axis"
-    text: ClassVar[str] = "positions were recorded from the other end of the axis"
-    drawn_over: ClassVar[DrawnOver] = "position"
-    share_of: ClassVar[str] = "of what mirroring would cause: 1 if they are mirrored"
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
-        "measure {component} at the two ends of travel only, and note which end was which"
-    )
-    not_adopted: ClassVar[str] = (
+    kind = "mirrored-axis"
+    text = "positions were recorded from the other end of the axis"
+    drawn_over = "position"
+    share_of = "of what mirroring would cause: 1 if they are mirrored"
+    only_once = True
+    shown_by = "measure {component} at the two ends of travel only, and note which end was which"
+    not_adopted = (
         "the positions of the observations are wrong, not the model: store the verifications "
         "again with the right ones"
     )
-    shakes: ClassVar[Shakes] = Shakes.VALUES
+    shakes = Shakes.VALUES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every axis whose positions vary."""
-        return Proposals([_hypothesis(*mirror) for mirror in _mirrors(view)])
+        return (_hypothesis(*mirror) for mirror in _mirrors(view))
 
     def explain(self, effect: Effect) -> str:
         """Say what was mirrored."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
@@ -15,16 +14,16 @@ from app.geometry.components import COMPONENTS, Kind
 class NonrigidSlope(LackedByMaps):
     """A slope of 8.1–8.18 that no map has, constant in time or growing with a temperature."""
 
-    kind: ClassVar[str] = "nonrigid-slope"
-    text: ClassVar[str] = "a component grows with the position of another axis"
-    of: ClassVar[Kind] = Kind.SLOPE
-    name: ClassVar[str] = "slope"
-    size: ClassVar[str] = "slope"
-    shown_by: ClassVar[str] = (
+    kind = "nonrigid-slope"
+    text = "a component grows with the position of another axis"
+    of = Kind.SLOPE
+    name = "slope"
+    size = "slope"
+    shown_by = (
         "measure the axis of {component} along three parallel lines: at both ends and in the "
         "middle of the other axis, with the same tool"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "angular": "measure the same points with a short and a long tool: the effect of a rotation "
         "grows with the tool, that of a slope does not",
     }

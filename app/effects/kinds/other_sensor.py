@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from app.effects.kind import (
     AsOtherSensor,
     EffectKind,
     Need,
-    Proposals,
+    Proposed,
     constant_sensor_reason,
     together_and_each,
 )
@@ -30,20 +29,18 @@ NOT_WHOLE: Final = 3.0
 class OtherSensor(EffectKind):
     """E of the same maps on another sensor's scale, minus E on the assigned one's."""
 
-    kind: ClassVar[str] = "other-sensor"
-    text: ClassVar[str] = "a component follows a sensor other than the assigned one"
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.SAME
-    share_of: ClassVar[str] = (
-        "of what the tables say that follows the other sensor: 1 for all of it, 0 for none"
-    )
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "other-sensor"
+    text = "a component follows a sensor other than the assigned one"
+    as_other_sensor = AsOtherSensor.SAME
+    share_of = "of what the tables say that follows the other sensor: 1 for all of it, 0 for none"
+    needs = Need.MOMENTS
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "create a temperature difference between {sensor} and the assigned sensor (heat only one "
         "part of the machine), and measure {component} in that state"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "thermal-lag": (
             "hold {sensor} and the assigned sensor steady at different temperatures for some "
             "hours, and measure {component}: only a wrong sensor still leaves an error"
@@ -58,22 +55,19 @@ class OtherSensor(EffectKind):
         ),
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component on every other sensor, and all of a sensor together."""
-        proposals = Proposals()
         for assigned, codes in view.components_by_sensor.items():
             for other in view.conditions.temperatures_c:
                 if other == assigned:
                     continue
                 reason = _why_not(view, codes, other)
                 if reason:
-                    proposals.not_testable.append(self.refuse(f"{assigned} by {other}", reason))
+                    yield self.refuse(f"{assigned} by {other}", reason)
                     continue
                 exchange = Exchange.of(other, view.map_temperatures(other))
-                proposals.hypotheses.extend(
-                    _hypothesis(assigned, exchange, group) for group in together_and_each(codes)
-                )
-        return proposals
+                for group in together_and_each(codes):
+                    yield _hypothesis(assigned, exchange, group)
 
     def explain(self, effect: Effect) -> str:
         """Say what follows which sensor, and by which share."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar, Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude
-from app.effects.kind import DrawnOver, EffectKind, Proposals, additive
+from app.effects.kind import EffectKind, Proposed, additive
 from app.effects.shape import Everywhere, Profile, Rising, Shape
 from app.effects.words import parameter, size_along, symbol_of
 from app.geometry.components import COMPONENTS
@@ -23,16 +23,14 @@ MOST_CORNERS: Final = 9
 class OutdatedMap(EffectKind):
     """The same deviation from all maps, whatever the temperatures and the time."""
 
-    kind: ClassVar[str] = "outdated-map"
-    text: ClassVar[str] = "the tables no longer hold: a shift, a slope, both, or a profile"
-    constant: ClassVar[bool] = True
-    measured_along: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "position"
-    remedy: ClassVar[str] = (
-        "Measure a new map of {components}; until then the correction may be adopted."
-    )
-    shown_by: ClassVar[str] = "measure a new map of {component}"
-    against: ClassVar[Mapping[str, str]] = {
+    kind = "outdated-map"
+    text = "the tables no longer hold: a shift, a slope, both, or a profile"
+    constant = True
+    measured_along = True
+    drawn_over = "position"
+    remedy = "Measure a new map of {components}; until then the correction may be adopted."
+    shown_by = "measure a new map of {component}"
+    against = {
         "wrong-map": "measure {component} at the temperature of another map: one that is wrong "
         "alone does not show there",
         "temperature-curvature": "measure {component} at the temperature of one of the maps: an "
@@ -40,21 +38,17 @@ class OutdatedMap(EffectKind):
         "step": "find out whether {component} was still right early in the campaign",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component in all forms but the bow: all visits tell of its profile."""
-        return Proposals(
-            [
-                additive(
-                    *(self.kind, code, Always(), form.shapes, form.amplitudes),
-                    variant=form.name,
-                    standing=True,
-                    within_visit=form.name not in (SHIFT, LINE),
-                )
-                for code in view.components
-                for form in forms_of(view, code, view.shapes(code))
-                if form.name != BOW
-            ]
-        )
+        for code in view.components:
+            for form in forms_of(view, code, view.shapes(code)):
+                if form.name != BOW:
+                    yield additive(
+                        *(self.kind, code, Always(), form.shapes, form.amplitudes),
+                        variant=form.name,
+                        standing=True,
+                        within_visit=form.name not in (SHIFT, LINE),
+                    )
 
     def explain(self, effect: Effect) -> str:
         """Say how far the tables are off."""

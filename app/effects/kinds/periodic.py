@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from app.effects.hypothesis import (
     Reported,
     reported_theta,
 )
-from app.effects.kind import AsOtherSensor, DrawnOver, EffectKind, Proposals
+from app.effects.kind import AsOtherSensor, EffectKind, Proposed
 from app.effects.shape import Wave
 from app.effects.term import Term
 from app.effects.words import parameter, symbol_of
@@ -48,32 +47,27 @@ STEP_DIGITS: Final = 3
 class Periodic(EffectKind):
     """A sine over position of unknown pitch; its harmonics are found as further sines."""
 
-    kind: ClassVar[str] = "periodic"
-    text: ClassVar[str] = "a sine over position with unknown pitch, and its harmonics"
-    alternates: ClassVar[bool] = True
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.NO_RIVAL
-    drawn_over: ClassVar[DrawnOver] = "position"
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
-        "measure {component} at 50 or more randomly spaced positions over some 100 mm"
-    )
-    against: ClassVar[Mapping[str, str]] = {
+    kind = "periodic"
+    text = "a sine over position with unknown pitch, and its harmonics"
+    alternates = True
+    as_other_sensor = AsOtherSensor.NO_RIVAL
+    drawn_over = "position"
+    of_the_type = True
+    shown_by = "measure {component} at 50 or more randomly spaced positions over some 100 mm"
+    against = {
         "periodic": "measure {component} every 0.5 mm over 40 mm: both pitches show at once",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every translation over its own axis, if the positions can show a pitch."""
-        proposals = Proposals()
         for code in view.tables:
             if COMPONENTS[code].is_rotation:
                 continue
             positions = view.projection.view(code).places.positions_mm
-            reason = why_no_pitch(positions)
-            if reason:
-                proposals.not_testable.append(self.refuse(code, reason))
+            if reason := why_no_pitch(positions):
+                yield self.refuse(code, reason)
             else:
-                proposals.hypotheses.append(_hypothesis(code, pitches(positions)))
-        return proposals
+                yield _hypothesis(code, pitches(positions))
 
     def explain(self, effect: Effect) -> str:
         """Say what swings with which pitch, and how far."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.kind import AsOtherSensor, EffectKind, Proposals
+from app.effects.kind import AsOtherSensor, EffectKind, Proposed
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 
@@ -24,23 +23,20 @@ class Response(EffectKind):
     of its drivers by itself is what is found.
     """
 
-    kind: ClassVar[str] = "response"
-    text: ClassVar[str] = (
-        "many sensors and states act together with lags, and no single one of them can be named"
-    )
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.NO_RIVAL
-    measured_along: ClassVar[bool] = True
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "response"
+    text = "many sensors and states act together with lags, and no single one of them can be named"
+    as_other_sensor = AsOtherSensor.NO_RIVAL
+    measured_along = True
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "measure {component} every 10 min for some hours from a cold start, changing the room "
         "temperature in mid-run and the states in blocks, and repeat this on other days"
     )
-    against: ClassVar[Mapping[str, str]] = {}
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """List nothing: the search has no part in it."""
-        return Proposals()
+        yield from ()
 
     def explain(self, effect: Effect) -> str:
         """Say what answers to what, and what set-ups held out gained."""

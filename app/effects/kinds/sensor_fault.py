@@ -6,13 +6,13 @@ readings themselves (`app.identification.analysis.reading_faults`), which are le
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis, moved_temperature
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals
+from app.effects.kind import EffectKind, Need, Proposed
 from app.effects.kinds.step import NONE_BEFORE, times_after_first
 from app.effects.words import components, parameter
 from app.units import date_text
@@ -33,40 +33,37 @@ class SensorFault(EffectKind):
     adopted moves the temperature, which is right also where a map lies between.
     """
 
-    kind: ClassVar[str] = "sensor-fault"
-    text: ClassVar[str] = "a sensor reads wrong from some time on"
-    drawn_over: ClassVar[DrawnOver] = "time"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    trending: ClassVar[bool] = True
-    shown_by: ClassVar[str] = "compare {sensor} with a calibrated thermometer placed beside it"
+    kind = "sensor-fault"
+    text = "a sensor reads wrong from some time on"
+    drawn_over = "time"
+    needs = Need.MOMENTS
+    trending = True
+    shown_by = "compare {sensor} with a calibrated thermometer placed beside it"
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """One fingerprint for each sensor that components follow."""
-        proposals = Proposals(not_testable=[self.refuse("constant bias", CONSTANT_BIAS)])
+        yield self.refuse("constant bias", CONSTANT_BIAS)
         for sensor, codes in view.components_by_sensor.items():
             if not view.has_comparable_slope(codes):
-                proposals.not_testable.append(self.refuse(sensor, OWN_ZEROS))
+                yield self.refuse(sensor, OWN_ZEROS)
                 continue
             nonlinear = times_after_first(view, codes)
             if nonlinear is None:
-                proposals.not_testable.append(self.refuse(sensor, NONE_BEFORE))
+                yield self.refuse(sensor, NONE_BEFORE)
                 continue
-            proposals.hypotheses.append(
-                Hypothesis(
-                    kind=self.kind,
-                    variant=BIAS,
-                    components=codes,
-                    sensors=(sensor,),
-                    amplitudes=(Amplitude("bias_k", -1.0),),
-                    nonlinear=nonlinear,
-                    # One component by itself moves as an instrument does whose zero walks.
-                    keeps_zero=len(codes) > 1,
-                    **moved_temperature(
-                        codes, lambda theta, bias_k: StepAfter(float(theta or 0.0), bias_k)
-                    ),
-                )
+            yield Hypothesis(
+                kind=self.kind,
+                variant=BIAS,
+                components=codes,
+                sensors=(sensor,),
+                amplitudes=(Amplitude("bias_k", -1.0),),
+                nonlinear=nonlinear,
+                # One component by itself moves as an instrument does whose zero walks.
+                keeps_zero=len(codes) > 1,
+                **moved_temperature(
+                    codes, lambda theta, bias_k: StepAfter(float(theta or 0.0), bias_k)
+                ),
             )
-        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say which sensor reads wrong since when, and by how much."""

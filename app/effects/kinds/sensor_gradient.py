@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -16,10 +15,9 @@ from app.effects.kind import (
     AsOtherSensor,
     EffectKind,
     Need,
-    NotTested,
-    Proposals,
+    Proposed,
     constant_sensors,
-    time_constants_s,
+    not_late,
 )
 from app.effects.kinds.at_once_or_late import (
     BEYOND,
@@ -38,20 +36,18 @@ ALL_PAIRS_UP_TO: Final = 8
 class SensorGradient(EffectKind):
     """A component moves with how much warmer one place is than another."""
 
-    kind: ClassVar[str] = "sensor-gradient"
-    text: ClassVar[str] = (
-        "bending with the temperature difference between two sensors, at once or late"
-    )
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.IMITATION
-    zero_in_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "sensor-gradient"
+    text = "bending with the temperature difference between two sensors, at once or late"
+    as_other_sensor = AsOtherSensor.IMITATION
+    zero_in_maps = True
+    needs = Need.MOMENTS
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "heat only one side of the structure, so that {sensor} differs from its neighbour as "
         "never before, and measure {component}"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "thermal-lag": (
             "keep the difference steady for some hours (a run at constant speed) and measure "
             "{component}: a lagging structure is right again, a bent one is not"
@@ -66,16 +62,22 @@ class SensorGradient(EffectKind):
         ),
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component with pairs of sensors, in two forms at once, and in one of them late.
 
         Late it is as it was in the maps, where they state both sensors: with both forms there
         would be more late differences than everything else together.
         """
-        proposals = Proposals(not_testable=constant_sensors(self, view))
-        if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
-            proposals.not_testable.extend(self._refused_pairs(view))
-        grids = self._time_constants_s(view, proposals)
+        yield from constant_sensors(self, view)
+        signals = [Signal("temperature", sensor) for sensor in view.varying_sensors]
+        grids_s = dict.fromkeys(signals, tuple[float, ...]())
+        if len(signals) > ALL_PAIRS_UP_TO:
+            among, many = f"{len(signals)} sensors", "are left out: there are too many"
+            yield self.refuse(among, f"pairs without the component's own sensor {many}")
+            yield self.refuse(f"{among}, {LATE}", f"differences that act late {many}")
+        else:
+            grids_s = {signal: view.time_constants_s(signal) for signal in signals}
+            yield from not_late(self, view, grids_s, LATE)
         for code in view.components:
             for pair in _pairs(view, code):
                 drivers = {
@@ -83,11 +85,9 @@ class SensorGradient(EffectKind):
                     BEYOND: view.beyond_maps(code, *pair),
                 }
                 late = SINCE if drivers[BEYOND] is None else BEYOND
-                both_s = tuple(tau_s for tau_s in grids[pair[0]] if tau_s in grids[pair[1]])
-                proposals.hypotheses.extend(
-                    at_once_and_late(self.kind, view, code, drivers, both_s, [late])
-                )
-        return proposals
+                first, other = (grids_s[Signal("temperature", sensor)] for sensor in pair)
+                both_s = tuple(tau_s for tau_s in first if tau_s in other)
+                yield from at_once_and_late(self.kind, view, code, drivers, both_s, [late])
 
     def explain(self, effect: Effect) -> str:
         """Say with which difference what moves, how late, and how much."""
@@ -97,28 +97,6 @@ class SensorGradient(EffectKind):
             f"{effect.components[0]} bends with the difference between {warm} and "
             f"{cold}{how_late(effect)}, by {how}{since_maps_clause(effect)}"
         )
-
-    def _time_constants_s(
-        self, view: CampaignView, proposals: Proposals
-    ) -> dict[str, tuple[float, ...]]:
-        """List for each sensor the time constants to try [s], and say why there are none."""
-        if len(view.varying_sensors) > ALL_PAIRS_UP_TO:
-            return dict.fromkeys(view.varying_sensors, ())
-        return {
-            sensor: time_constants_s(self, view, Signal("temperature", sensor), proposals, LATE)
-            for sensor in view.varying_sensors
-        }
-
-    def _refused_pairs(self, view: CampaignView) -> list[NotTested]:
-        among = f"{len(view.varying_sensors)} sensors"
-        return [
-            self.refuse(
-                among, "pairs without the component's own sensor are left out: there are too many"
-            ),
-            self.refuse(
-                f"{among}, {LATE}", "differences that act late are left out: there are too many"
-            ),
-        ]
 
 
 def _pairs(view: CampaignView, code: str) -> list[tuple[str, str]]:

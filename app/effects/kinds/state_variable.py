@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from app.effects.conditions import Signal
 from app.effects.driver import State
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, Nonlinear
-from app.effects.kind import EffectKind, Need, Proposals, additive, time_constants_s
+from app.effects.kind import EffectKind, Need, Proposed, additive, not_late
 from app.effects.words import parameter, size_along, symbol_of
 from app.errors import list_names
 
@@ -27,15 +26,15 @@ POWERS: Final = {AT_ONCE: 1, SQUARED: 2, LATE: 1, SQUARED_LATE: 2}
 class StateVariable(EffectKind):
     """A component moves with a state, or its square, at once or through a low-pass."""
 
-    kind: ClassVar[str] = "state-variable"
-    text: ClassVar[str] = "spindle speed, payload, feed …, at once or with a time constant"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.STATE})
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "state-variable"
+    text = "spindle speed, payload, feed …, at once or with a time constant"
+    needs = Need.STATE
+    of_the_type = True
+    shown_by = (
         "measure {component} at three values of {state} in quick succession, before any "
         "temperature has changed, and every 10 min after {state} has gone back"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "state-variable": "measure {component} at three values of {state}, at once and every 10 "
         "min for an hour after each change, each value with and without the other state",
         "thermal-lag": (
@@ -51,37 +50,33 @@ class StateVariable(EffectKind):
         ),
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component with every state that varied, in four forms.
 
         At once only where it varied while that component was observed.
         """
-        proposals = Proposals()
         for state, values in sorted(view.conditions.states.items()):
             if state not in view.varying_states:
-                proposals.not_testable.append(
-                    self.refuse(state, f"{state} did not change, or was not always recorded")
-                )
+                yield self.refuse(state, f"{state} did not change, or was not always recorded")
                 continue
             # With two values, the square is the same as the state itself.
             two_values = np.unique(values[~np.isnan(values)]).size < 3
+            signal = Signal("state", state)
             grids = {
-                LATE: time_constants_s(self, view, Signal("state", state), proposals, LATE),
+                LATE: view.time_constants_s(signal),
                 SQUARED_LATE: view.time_constants_s(Signal("state", state, 2)),
             }
+            yield from not_late(self, view, {signal: grids[LATE]}, LATE)
             changing = [c for c in view.components if view.changes_where(c, values)]
             if steady := [code for code in view.components if code not in changing]:
                 where = f"{state}, at once, on {list_names(steady, MOST_NAMED)}"
                 why = f"{state} did not change while this was observed, or hardly"
-                proposals.not_testable.append(self.refuse(where, why))
+                yield self.refuse(where, why)
             for variant, power in POWERS.items():
                 if not (power == 2 and two_values) and grids.get(variant, (0.0,)):
                     grid = grids.get(variant, ())
-                    proposals.hypotheses.extend(
-                        _hypothesis(view, code, state, variant, grid)
-                        for code in (view.components if grid else changing)
-                    )
-        return proposals
+                    for code in view.components if grid else changing:
+                        yield _hypothesis(view, code, state, variant, grid)
 
     def explain(self, effect: Effect) -> str:
         """Say with which state what moves, how much, and how late."""

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis, Nonlinear
+from app.effects.hypothesis import Nonlinear
 from app.effects.kind import (
-    DrawnOver,
     EffectKind,
     Need,
     OverTime,
-    Proposals,
+    Proposed,
     additive,
-    by_comparable_shapes,
 )
-from app.effects.shape import Shape
 from app.effects.words import (
     components,
     size_along,
@@ -45,37 +42,32 @@ NONE_BEFORE: Final = (
 class Step(EffectKind):
     """A component is another one from the beginning of some visit on."""
 
-    kind: ClassVar[str] = "step"
-    text: ClassVar[str] = "a change at one time: collision, re-levelling"
-    over_time: ClassVar[OverTime | None] = OverTime.BEGINS
-    of_time_alone: ClassVar[bool] = True
-    drawn_over: ClassVar[DrawnOver] = "time"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    trending: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "step"
+    text = "a change at one time: collision, re-levelling"
+    over_time = OverTime.BEGINS
+    of_time_alone = True
+    drawn_over = "time"
+    needs = Need.MOMENTS
+    trending = True
+    shown_by = (
         "ask what happened to the machine at that time, and measure {component} once more at "
         "temperatures that occurred before it"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "drift": "measure {component} again after a period as long as this campaign: a drift will "
         "have gone on, a step will not",
         "sensor-fault": "compare {rival} with a calibrated thermometer placed beside it",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component, with a step at the beginning of any visit that is not its first."""
-        unseen: list[str] = []
-
-        def propose_of(code: str, shapes: list[Shape]) -> list[Hypothesis]:
-            nonlinear = times_after_first(view, [code])
-            if nonlinear is None:
-                unseen.append(code)
-                return []
-            return [_hypothesis(code, shapes, nonlinear)]
-
-        proposals = by_comparable_shapes(self, view, propose_of)
-        proposals.not_testable.extend(self.refuse(code, NONE_BEFORE) for code in unseen)
-        return proposals
+        for code in view.components:
+            shapes = view.comparable_shapes(code, view.shapes(code))
+            times = times_after_first(view, [code]) if shapes else None
+            if times is None:
+                yield self.refuse(code, NONE_BEFORE if shapes else OWN_ZEROS)
+            else:
+                yield additive(self.kind, code, _changed, shapes, "step_{unit}", nonlinear=times)
 
     def explain(self, effect: Effect) -> str:
         """Say what changed when, and by how much."""
@@ -131,8 +123,5 @@ def times_within(view: CampaignView) -> Nonlinear | None:
     return replace(times, grid=grid, bounds=times.bounds and (grid[0], grid[-1]))
 
 
-def _hypothesis(code: str, shapes: list[Shape], nonlinear: Nonlinear) -> Hypothesis:
-    def changed(theta: float | None) -> StepAfter:
-        return StepAfter(float(theta or 0.0))
-
-    return additive(Step.kind, code, changed, shapes, "step_{unit}", nonlinear=nonlinear)
+def _changed(theta: float | None) -> StepAfter:
+    return StepAfter(float(theta or 0.0))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from app.effects.campaign_view import CampaignView
 from app.effects.driver import Curvature
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
-from app.effects.kind import EffectKind, Need, Proposals, additive
+from app.effects.kind import EffectKind, Need, Proposed, additive
 from app.effects.words import size_along, symbol_of
 
 BETWEEN, OVERALL = "between maps", "over all maps"
@@ -18,36 +15,34 @@ BETWEEN, OVERALL = "between maps", "over all maps"
 class TemperatureCurvature(EffectKind):
     """A parabola in the component's own temperature, zero where maps were measured."""
 
-    kind: ClassVar[str] = "temperature-curvature"
-    text: ClassVar[str] = "a component is not linear in temperature between the maps"
-    zero_in_maps: ClassVar[bool] = True
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "temperature-curvature"
+    text = "a component is not linear in temperature between the maps"
+    zero_in_maps = True
+    needs = Need.MOMENTS
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "measure {component} half way between the maps' temperatures of {sensor}: one more map "
         "there settles it"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "outdated-map": "measure {component} at the temperature of one of the maps: a curved "
         "component is right there",
         "wrong-map": "measure {component} at the temperature of the map: a curved component is "
         "right there",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every component with its own sensor: between neighbouring maps, and over all of them."""
-        proposals = Proposals()
         for code in view.components:
             sensor = view.sensor_of(code)
             if sensor not in view.varying_sensors:
-                proposals.not_testable.append(self.refuse(code, f"{sensor} did not change"))
+                yield self.refuse(code, f"{sensor} did not change")
                 continue
             scale = _scale(view, code)
-            proposals.hypotheses.append(_hypothesis(view, code, OVERALL, (scale[0], scale[-1])))
+            yield _hypothesis(view, code, OVERALL, (scale[0], scale[-1]))
             if len(scale) > 2:
-                proposals.hypotheses.append(_hypothesis(view, code, BETWEEN, scale))
-        return proposals
+                yield _hypothesis(view, code, BETWEEN, scale)
 
     def explain(self, effect: Effect) -> str:
         """Say how strongly what is curved in which temperature."""

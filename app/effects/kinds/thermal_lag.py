@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
 from app.effects.driver import Behind
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
-from app.effects.kind import EffectKind, Need, Proposals, time_constants_s, together_and_each
+from app.effects.kind import EffectKind, Need, Proposed, together_and_each
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
 from app.effects.words import components, is_whole, parameter, verb
@@ -24,22 +23,18 @@ FAR_ABOVE: Final = 3.0
 class ThermalLag(EffectKind):
     """E at a low-passed temperature instead of the sensor's own, on one component or on all."""
 
-    kind: ClassVar[str] = "thermal-lag"
-    text: ClassVar[str] = "the structure follows its sensor late: a first-order low-pass"
-    driver_note: ClassVar[str] = (
-        "Late minus present: what the sensor read some time ago, less what it reads now."
-    )
-    share_of: ClassVar[str] = (
-        "of what the tables say that follows late: 1 for all of it, 0 for none"
-    )
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    only_once: ClassVar[bool] = True
-    of_the_type: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "thermal-lag"
+    text = "the structure follows its sensor late: a first-order low-pass"
+    driver_note = "Late minus present: what the sensor read some time ago, less what it reads now."
+    share_of = "of what the tables say that follows late: 1 for all of it, 0 for none"
+    needs = Need.MOMENTS
+    only_once = True
+    of_the_type = True
+    shown_by = (
         "measure {component} every 10 min through a quick warm-up and the cooling after it, and "
         "again once {sensor} has been steady for some hours"
     )
-    against: ClassVar[Mapping[str, str]] = {
+    against = {
         "other-sensor": (
             "heat {rival} but not {sensor}, or hold both steady at different temperatures for "
             "some hours, and measure {component}: a lagging structure is right again"
@@ -54,17 +49,17 @@ class ThermalLag(EffectKind):
         ),
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """One fingerprint for each sensor, and each of its components by itself."""
-        proposals = Proposals()
         for sensor, codes in view.components_by_sensor.items():
+            signal = Signal("temperature", sensor)
             if sensor not in view.varying_sensors:
-                proposals.not_testable.append(self.refuse(sensor, f"{sensor} did not change"))
-            elif grid := time_constants_s(self, view, Signal("temperature", sensor), proposals):
-                proposals.hypotheses.extend(
-                    _hypothesis(view, sensor, group, grid) for group in together_and_each(codes)
-                )
-        return proposals
+                yield self.refuse(sensor, f"{sensor} did not change")
+            elif grid := view.time_constants_s(signal):
+                for group in together_and_each(codes):
+                    yield _hypothesis(view, sensor, group, grid)
+            else:
+                yield self.refuse(sensor, view.why_no_lag(signal))
 
     def explain(self, effect: Effect) -> str:
         """Say how late what follows what, and by which share where that is not the whole."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from app.arrays import BoolArray, FloatArray
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import Amplitude, Hypothesis
-from app.effects.kind import DrawnOver, EffectKind, Need, Proposals, Shakes
+from app.effects.kind import EffectKind, Need, Proposed, Shakes
 from app.effects.projection import Projection
 from app.effects.supposition import left_by_places
 from app.effects.words import components, parameter
@@ -35,27 +35,28 @@ class ToolLength(EffectKind):
     length, so its size is an amplitude.
     """
 
-    kind: ClassVar[str] = "tool-length"
-    text: ClassVar[str] = "a tool's length was stated wrongly: it acts through the angular errors"
-    drawn_over: ClassVar[DrawnOver] = "position"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.POINTS})
-    only_once: ClassVar[bool] = True
-    shown_by: ClassVar[str] = (
+    kind = "tool-length"
+    text = "a tool's length was stated wrongly: it acts through the angular errors"
+    drawn_over = "position"
+    needs = Need.POINTS
+    only_once = True
+    shown_by = (
         "measure the tool's length from the gauge line, and the same points with a second tool "
         "of quite a different length"
     )
-    not_adopted: ClassVar[str] = (
+    not_adopted = (
         "the tool offset stated with the observations is wrong, not the model: store the "
         "verifications again with the right one"
     )
-    shakes: ClassVar[Shakes] = Shakes.VALUES
+    shakes = Shakes.VALUES
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every tool by itself, and all together."""
         codes = tuple(c for c in view.tables if COMPONENTS[c].kind is Kind.ANGULAR)
         if not codes:
-            return Proposals(not_testable=[self.refuse("tools", "no map has an angular error")])
-        return Proposals([_hypothesis(name, rows, codes) for name, rows in _tools(view)])
+            yield self.refuse("tools", "no map has an angular error")
+        for name, rows in _tools(view) if codes else ():
+            yield _hypothesis(name, rows, codes)
 
     def explain(self, effect: Effect) -> str:
         """Say which tool is how much longer or shorter."""

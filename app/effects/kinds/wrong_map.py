@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import ClassVar
-
-from app.effects.campaign_view import CampaignView
+from app.effects.campaign_view import OWN_ZEROS, CampaignView
 from app.effects.driver import ShareOfMap
 from app.effects.effect import Effect
-from app.effects.hypothesis import Hypothesis
 from app.effects.kind import (
-    DrawnOver,
     EffectKind,
     Need,
-    Proposals,
+    Proposed,
     additive,
-    by_comparable_shapes,
     constant_sensor_reason,
 )
 from app.effects.kinds.outdated_map import forms_of, how_far_off
-from app.effects.shape import Shape
 from app.thermal.error_map import ErrorMap
 
 BEFORE_FORM = ": "
@@ -33,13 +26,12 @@ class WrongMap(EffectKind):
     towards the neighbouring maps as the map's weight does.
     """
 
-    kind: ClassVar[str] = "wrong-map"
-    text: ClassVar[str] = "one map of a component is wrong, the others hold"
-    gone: ClassVar[str] = "its map is gone, or counts as one state with another map"
-    needs: ClassVar[frozenset[Need]] = frozenset({Need.MOMENTS})
-    drawn_over: ClassVar[DrawnOver] = "driver"
-    shown_by: ClassVar[str] = "measure the map of {component} again"
-    against: ClassVar[Mapping[str, str]] = {
+    kind = "wrong-map"
+    text = "one map of a component is wrong, the others hold"
+    gone = "its map is gone, or counts as one state with another map"
+    needs = Need.MOMENTS
+    shown_by = "measure the map of {component} again"
+    against = {
         "wrong-map": "measure the maps of {component} again, one after the other",
         "outdated-map": "measure {component} at the temperature of another map: one that is wrong "
         "alone does not show there",
@@ -47,13 +39,17 @@ class WrongMap(EffectKind):
         "component is right there",
     }
 
-    def propose(self, view: CampaignView) -> Proposals:
+    def propose(self, view: CampaignView) -> Proposed:
         """Every map of every component whose sensor changed, in all forms."""
-
-        def of_component(code: str, shapes: list[Shape]) -> Iterable[Hypothesis]:
-            located = view.model.find(code)
-            if located is None or view.sensor_of(code) not in view.varying_sensors:
-                return
+        for code in view.components:
+            shapes = view.comparable_shapes(code, view.shapes(code))
+            located, sensor = view.model.find(code), view.sensor_of(code)
+            if not shapes:
+                yield self.refuse(code, OWN_ZEROS)
+            if located is not None and sensor not in view.varying_sensors:
+                yield self.refuse(code, constant_sensor_reason(sensor))
+            if located is None or not shapes or sensor not in view.varying_sensors:
+                continue
             group, scale = located[0], located[0].scales[0]
             for row, map_c in zip(scale.rows, scale.temperatures_c, strict=True):
                 share = ShareOfMap(scale.sensor, scale.temperatures_c, map_c)
@@ -63,13 +59,6 @@ class WrongMap(EffectKind):
                         variant=f"{group.labels[row]}{BEFORE_FORM}{form.name}",
                         sensors=(share.sensor,),
                     )
-
-        proposals = by_comparable_shapes(self, view, of_component)
-        for code in view.components:
-            sensor = view.sensor_of(code)
-            if view.model.find(code) and sensor not in view.varying_sensors:
-                proposals.not_testable.append(self.refuse(code, constant_sensor_reason(sensor)))
-        return proposals
 
     def explain(self, effect: Effect) -> str:
         """Say which map is wrong, and how far."""
