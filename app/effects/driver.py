@@ -53,8 +53,13 @@ class Driver(ABC):
         return False
 
     @property
+    def is_signal(self) -> bool:
+        """Whether it is made of one signal as it is now, whose range says where it was learnt."""
+        return [tau_s for _, tau_s in self.signals] == [None]
+
+    @property
     def quantity(self) -> Quantity | None:
-        """What it is where that is more than one signal as it is now; else None."""
+        """What it is, in words; None where that says nothing by itself."""
         return None
 
     def with_maps(self, learnt: tuple[float, float]) -> tuple[float, float]:
@@ -132,10 +137,8 @@ class AboveReference(Driver):
         return ((Signal("temperature", self.sensor), self.time_constant_s),)
 
     @property
-    def quantity(self) -> Quantity | None:
-        """The low-pass, if that matters."""
-        if self.time_constant_s is None:
-            return None
+    def quantity(self) -> Quantity:
+        """The sensor, or its low-pass."""
         return Quantity(f"{self.sensor}{_late(self.time_constant_s)}", "°C", self.reference_c)
 
 
@@ -324,6 +327,11 @@ class Curvature(Driver):
         """The sensor."""
         return ((Signal("temperature", self.sensor), None),)
 
+    @property
+    def quantity(self) -> Quantity:
+        """The parabola."""
+        return Quantity(f"curvature over {self.sensor}", "K²")
+
 
 @dataclass(frozen=True)
 class ShareOfMap(Driver):
@@ -390,15 +398,12 @@ class State(Driver):
         return ((self._signal, self.time_constant_s),)
 
     @property
-    def quantity(self) -> Quantity | None:
-        """The low-pass, if that matters."""
-        if self.time_constant_s is None:
-            return None
-        minutes = self.time_constant_s / SECONDS_PER_MIN
+    def quantity(self) -> Quantity:
+        """The state, or its low-pass."""
         square = "the square of " if self.power == 2 else ""
         unit = unit_of_field(self.state) or ""
         unit = f"({unit})²" if unit and self.power == 2 else unit
-        return Quantity(f"{square}{self.state} with a time constant of {minutes:.3g} min", unit)
+        return Quantity(f"{square}{self.state}{_late(self.time_constant_s)}", unit)
 
     @property
     def _signal(self) -> Signal:

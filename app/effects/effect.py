@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, WithJsonSchema
 
-from app.effects.driver import Driver
+from app.effects.driver import Driver, Quantity
 from app.effects.term import Term, term_from_json
 from app.effects.valid import LearntIn, Range, Valid, valid_from_json
 from app.errors import InvalidContent, list_names
@@ -84,10 +84,7 @@ class Effect:
         if self.valid is None:
             return None
         made_of: dict[str, Range] = {}
-        for (driver, learnt), terms in by_driver(self.terms).items():
-            q = driver.quantity
-            if q is None or learnt is None:
-                continue
+        for _, q, learnt, terms in ranges_of_quantities(self.terms):
             name = f"{q.name} [{q.unit}]" if q.unit else q.name
             if name in made_of:  # of maps at other temperatures: another range
                 name = f"{name} of {list_names(sorted({t.component for t in terms}))}"
@@ -139,12 +136,16 @@ StoredEffect: TypeAlias = Annotated[
 """An effect that is written and read as a model version stores it."""
 
 
-def by_driver(terms: Iterable[Term]) -> dict[tuple[Driver, Range | None], list[Term]]:
-    """Put the terms of an effect together that have one driver, and so one range."""
+def ranges_of_quantities(
+    terms: Iterable[Term],
+) -> Iterator[tuple[Driver, Quantity, Range, list[Term]]]:
+    """List the drivers of an effect that have a range of their own, with all terms of each."""
     grouped: dict[tuple[Driver, Range | None], list[Term]] = defaultdict(list)
     for term in terms:
         grouped[term.driver, term.learnt].append(term)
-    return grouped
+    for (driver, learnt), of_driver in grouped.items():
+        if driver.quantity is not None and learnt is not None and not driver.is_signal:
+            yield driver, driver.quantity, learnt, of_driver
 
 
 def _pooled(terms: Sequence[Term]) -> tuple[Term, ...]:

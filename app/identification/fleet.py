@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from app.answer import Answer, Codes, Sensors, UnitSymbol
-from app.effects.claim import claim_of
+from app.answer import Answer, UnitSymbol
+from app.effects.claim import AnsweredClaim, claim_of
 from app.effects.registry import explain, kind_of
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis, Verdict
@@ -135,23 +135,8 @@ class TriedOn(Answer):
 
 
 @dataclass(frozen=True, slots=True)
-class SharedEffect(Answer):
+class SharedEffect(AnsweredClaim):
     """An effect, the machines on which it was found, and how it did on their sisters."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: Codes
-    """Components that it acts on"""
-
-    sensors: Sensors
-    """Sensors that drive it"""
-
-    states: tuple[str, ...]
-    """States that drive it"""
 
     explanation: str
     """The effect as found on the machine from which it was tried on the others"""
@@ -272,11 +257,7 @@ def _shared(
     tried_on = tuple(TriedOn(on, result) for on, result in results.items() if result is not None)
     not_tried = {m.id: _why_not_tried(effect, m) for m in others if results[m.id] is None}
     return SharedEffect(
-        kind=effect.kind,
-        variant=effect.variant,
-        components=effect.components,
-        sensors=effect.sensors,
-        states=effect.states,
+        *claim_of(effect),
         explanation=explain(effect.effect),
         found_on=tuple(
             FoundOn(

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from app.answer import Answer
 from app.effects.adopted.held import use_until
+from app.effects.claim import AnsweredClaim, claim_of
 from app.effects.effect import Effect
 from app.effects.registry import explain
 from app.effects.valid import LearntIn
@@ -17,19 +17,9 @@ from app.rounding import Parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AdoptedEffect(Answer, published_as="AdoptedEffectAnswer"):
+class AdoptedEffect(AnsweredClaim, published_as="AdoptedEffectAnswer"):
     """An effect that the version has adopted."""
 
-    kind: Annotated[str, Field(examples=["thermal-lag"])]
-    """Kind of the effect"""
-    variant: str
-    """Which form of the kind, empty where it has one only"""
-    components: Annotated[Sequence[str], Field(examples=[["EZZ"]])]
-    """Components that it acts on"""
-    sensors: Annotated[Sequence[str], Field(examples=[["z-column"]])]
-    """Sensors that drive it"""
-    states: Sequence[str]
-    """States of the machine that drive it"""
     parameters: Annotated[Parameters, Field(examples=[{"time_constant_min": 41.2}])]
     """Parameters; their names say the unit"""
     standard_errors: Annotated[Parameters, Field(examples=[{"time_constant_min": 1.9}])]
@@ -51,11 +41,7 @@ def adopted_effect(effect: Effect) -> AdoptedEffect:
     """Describe an effect of a version."""
     origin = effect.provenance
     return AdoptedEffect(
-        kind=effect.kind,
-        variant=effect.variant,
-        components=effect.components,
-        sensors=effect.sensors,
-        states=effect.states,
+        **claim_of(effect)._asdict(),
         parameters=effect.parameters,
         standard_errors=effect.standard_errors,
         explanation=explain(effect),

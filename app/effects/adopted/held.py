@@ -10,7 +10,7 @@ import numpy as np
 
 from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, Signal
-from app.effects.effect import Effect, by_driver
+from app.effects.effect import Effect, ranges_of_quantities
 from app.effects.map_tables import MapReading
 from app.effects.response_driver import Responding
 from app.effects.shape import Exchange, Places
@@ -189,11 +189,7 @@ def conditions_beyond(
     for name, learnt in valid.state.items():
         edges = widened(learnt, DRIVER_MARGIN)
         yield from _outside(name, unit_of_field(name) or "", learnt, edges, conditions.state(name))
-    for (driver, of_driver), terms in by_driver(effect.terms).items():
-        quantity = driver.quantity
-        if quantity is None or of_driver is None:
-            continue
-        learnt = of_driver
+    for driver, quantity, learnt, terms in ranges_of_quantities(effect.terms):
         least = max((_least(model, signal) for signal, _ in driver.signals), default=0.0)
         edges = widened(learnt, DRIVER_MARGIN, least)
         values = driver.at(conditions)

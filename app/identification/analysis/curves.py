@@ -8,15 +8,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray
-from app.effects.driver import (
-    AboveReference,
-    Behind,
-    BeyondMaps,
-    Curvature,
-    Difference,
-    Driver,
-    State,
-)
+from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
@@ -160,31 +152,10 @@ def _driver_of(
     axis = COMPONENTS[effect.components[0]].axis
     if over == "position" and axis is not None:
         return f"position of {axis.upper()}", "mm", rows.points_mm[:, LINEAR_LETTERS.index(axis)]
-    named = _named(effect.terms[0].driver) if effect.terms else None
-    if named is not None:
-        return *named, effect.terms[0].driver.at(conditions)
+    driver = effect.terms[0].driver if effect.terms else Always()
+    if (quantity := driver.quantity) is not None:
+        return quantity.name, quantity.unit, quantity.zero + driver.at(conditions)
     return "what the effect explains", channel_unit(effect.components[0]).symbol, explained
-
-
-def _named(driver: Driver) -> tuple[str, str] | None:
-    """Name a driver with its unit; None for one that says nothing by itself."""
-    match driver:
-        case Behind():
-            return f"{driver.sensor}, late minus present", "K"
-        case AboveReference():
-            late = ", late," if driver.time_constant_s else ""
-            return f"{driver.sensor}{late} above {driver.reference_c:.3g} °C", "K"
-        case Difference() | BeyondMaps():
-            minus = f" minus {driver.minus}" if driver.minus else ""
-            late = ", late" if driver.time_constant_s else ""
-            beyond = ", beyond the maps" if isinstance(driver, BeyondMaps) else ""
-            return f"{driver.sensor}{minus}{late}{beyond}", "K"
-        case Curvature():
-            return f"curvature over {driver.sensor}", "K²"
-        case State():
-            late = ", late" if driver.time_constant_s else ""
-            return f"{driver.state}{'²' if driver.power == 2 else ''}{late}", ""
-    return None
 
 
 def _directions(finished: FinishedSearch, effect: Effect, rows: IntArray) -> tuple[float, ...]:

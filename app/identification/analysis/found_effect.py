@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
-from app.answer import IN_ITS_UNIT, Answer, Codes, Sensors, UnitSymbol, shown
+from app.answer import Answer, Codes, Sensors, UnitSymbol, shown
 from app.effects.claim import AnsweredClaim
 from app.effects.effect import StoredEffect
 from app.effects.valid import LearntIn
@@ -90,12 +90,7 @@ class StrongVisit(Answer, published_as="StrongVisitAnswer"):
 
 @dataclass(frozen=True, slots=True)
 class Cause(Answer, published_as="CauseAnswer"):
-    """What the observations say of one cause among many that drive an effect together."""
-
-    claim: Annotated[Literal["kind", "driver", "tie", "amount"], Field(examples=["amount"])]
-    """`kind`: whether a kind of cause takes part; `driver`: a cause that nothing else can stand in
-    for; `tie`: causes that can stand in for one another; `amount`: by how much the component
-    moves"""
+    """How much a kind of drivers moves a component, of many that drive it together."""
 
     names: tuple[str, ...]
     """Sensors and states that it is about; empty where it is about all or none"""
@@ -103,24 +98,8 @@ class Cause(Answer, published_as="CauseAnswer"):
     sentence: str
     """One plain sentence"""
 
-    two_ln_bayes_factor: float | None = None
-    """Evidence that is lost without it, 2 ln of the Bayes factor: above 6 is strong, above 10 very
-    strong"""
 
-    value: Annotated[
-        float | None,
-        Field(description=f"The amount after the longest time that is stated {IN_ITS_UNIT}"),
-    ] = None
-    error: Annotated[
-        float | None,
-        Field(
-            description="Its standard deviation, the larger of those by posterior and by "
-            f"jackknife {IN_ITS_UNIT}"
-        ),
-    ] = None
-
-
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     """One effect that the model lacks."""
 
@@ -144,35 +123,35 @@ class FoundEffect(Answer, published_as="FoundEffectAnswer"):
     """Whether held-out visits show that it helps, and none gets markedly worse; such effects are
     adopted unless the request names effects"""
 
-    why_not: str | None
+    why_not: str | None = None
     """Why it is not known to help; null where it helps"""
 
-    is_proxy: bool
+    is_proxy: bool = False
     """Whether unexplained structure remains beside it"""
 
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
     """How the measured values depart from it, beyond noise: its name is then not `confirmed`. Empty
     where they fit it"""
 
     evidence: Evidence
     """How strong the evidence for it is"""
 
-    alternatives: tuple[Alternative, ...]
+    alternatives: tuple[Alternative, ...] = ()
     """What else it could be, ties first"""
 
     explanation: str
     """One plain sentence"""
 
-    strongest_visits: tuple[StrongVisit, ...]
+    strongest_visits: tuple[StrongVisit, ...] = ()
     """The two visits that carry most of the evidence"""
 
-    leverage: float
+    leverage: float = 0.0
     """Their share of the evidence"""
 
-    leverage_warning: str | None
+    leverage_warning: str | None = None
     """A warning where two visits carry most of the evidence; else null"""
 
-    measure_again: str | None
+    measure_again: str | None = None
     """For an effect that grows with time: until when it may be used, and what to measure by then"""
 
     causes: tuple[Cause, ...] = ()

@@ -94,16 +94,8 @@ def faults_of_readings(
                 unit=channel_unit(str(names[rows_of_effect][0])).symbol,
                 status=str(Status.CONFIRMED),
                 helps=True,
-                why_not=None,
-                is_proxy=False,
-                doubts=(),
                 evidence=Evidence(seen_in_readings=words),
-                alternatives=(),
                 explanation=explain(effect),
-                strongest_visits=(),
-                leverage=0.0,
-                leverage_warning=None,
-                measure_again=None,
             )
         )
     return described

@@ -155,7 +155,7 @@ class Judged:
             takes_part = rms(part) > TAKES_PART * total
             symbol = COMPONENTS[self.rows.code].unit.symbol
             amount = f"{rms(part):.2g} {symbol} (root mean square)" if takes_part else "not needed"
-            causes.append(Cause("kind", (name,) if name in states else (), f"{name}: {amount}"))
+            causes.append(Cause((name,) if name in states else (), f"{name}: {amount}"))
         return tuple(causes)
 
 

@@ -92,16 +92,8 @@ class Offered:
             unit=COMPONENTS[self.code].unit.symbol,
             status=str(Status.CONFIRMED if self.judged.is_confirmed else Status.SUSPECTED),
             helps=True,
-            why_not=None,
-            is_proxy=False,
-            doubts=(),
             evidence=Evidence(p_global=self.judged.chance),
-            alternatives=(),
             explanation="; ".join(parts),
-            strongest_visits=(),
-            leverage=0.0,
-            leverage_warning=None,
-            measure_again=None,
             causes=self.judged.causes,
         )
 
