@@ -157,11 +157,17 @@ class Hypothesis(Traits):
         """Name it among all hypotheses."""
         return claim_of(self).key
 
+    def columns(self, projection: Projection, theta: float | None) -> FloatArray:
+        """Give what each unit of its amplitudes does to n rows, shape (n, k); 0: not known."""
+        if self.supposed is None:
+            return np.nan_to_num(projection.columns(self.unit_terms(theta)), nan=0.0)
+        return np.nan_to_num(self.supposed(projection, theta)[:, None], nan=0.0)
+
     def parts(self, projection: Projection, theta: float | None) -> list[Part]:
-        """Lay out what it does to the rows, for each unit of its amplitudes."""
+        """Lay out the same by channel, without channels in which nothing shows."""
         if self.supposed is None:
             return projection.parts(self.unit_terms(theta))
-        return projection.parts_of(self.supposed(projection, theta)[:, None])
+        return projection.parts_of(self.columns(projection, theta))
 
     def theta_of(self, effect: Effect) -> float | None:
         """Give the nonlinear parameter of an effect that was made of it, in the internal unit."""

@@ -119,12 +119,7 @@ class Rivals:
         key = (hypothesis.key, theta)
         if key in self._shared:
             return self._shared[key]
-        projection = self.residuals.projection
-        if hypothesis.supposed is None:
-            columns = projection.columns(hypothesis.unit_terms(theta))
-        else:
-            columns = hypothesis.supposed(projection, theta)[:, None]
-        columns = np.nan_to_num(columns, nan=0.0)
+        columns = hypothesis.columns(self.residuals.projection, theta)
         from_zeros = np.column_stack([set_ups.from_zero(column) for column in columns.T])
         if len(hypothesis.components) > 1:
             self._shared[key] = from_zeros

@@ -79,7 +79,35 @@ class Trial:
     @cached_property
     def shows(self) -> IntArray:
         """All rows of the channels in which it shows: a zero may move them all, shape (m,)."""
-        return rows_moved(self.other, self.set_ups)
+        return np.flatnonzero(np.isin(self.set_ups.channel, self.other.view.channels))
+
+    @cached_property
+    def _of_itself(self) -> BoolArray:
+        """Which of all rows are of the component by itself."""
+        channels = self.set_ups.residuals.rows.channels
+        number = channels.index(self.other.code) if self.other.code in channels else -1
+        of_itself: BoolArray = self.set_ups.channel == number
+        return of_itself
+
+    @cached_property
+    def is_direct(self) -> bool:
+        """Whether values of the component by itself are judged; else those at points.
+
+        One value in a set-up is that set-up's zero: nothing is left of it whatever the sensor.
+        """
+        tells = np.any(np.abs(self.set_ups.remaining[self._of_itself]) > ROUNDING)
+        return bool(tells or self._of_itself[self.other.view.rows].all())
+
+    @cached_property
+    def compared(self) -> BoolArray:
+        """The rows that figures are of: of the component itself, or else at points, shape (m,)."""
+        of_itself = self._of_itself[self.shows]
+        return of_itself if self.is_direct else ~of_itself
+
+    @property
+    def unit(self) -> str:
+        """Unit of figures: the component's, or µm at points."""
+        return (COMPONENTS[self.other.code].unit if self.is_direct else Unit.UM).symbol
 
     @cached_property
     def remaining(self) -> FloatArray:
@@ -199,11 +227,6 @@ class Trial:
         """What is left where the best other sensor is assigned."""
         return self._without(self.best)
 
-    @cached_property
-    def compared(self) -> BoolArray:
-        """The rows that figures are of: of the component itself, or else at points, shape (m,)."""
-        return rows_of_figures(self.other, self.set_ups)
-
 
 def read_by_others(campaign: Campaign, residuals: Residuals) -> Iterator[OtherSensors]:
     """Predict each component by every other sensor, where its maps can be read by that."""
@@ -275,38 +298,3 @@ def largest_by_chance(trials: Sequence[Trial]) -> FloatArray:
     signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (DRAWN, gains.shape[1]))
     largest: FloatArray = (signs @ gains.T).max(axis=1)
     return largest
-
-
-def is_direct(other: OtherSensors, set_ups: SetUps) -> bool:
-    """Say whether values of the component by itself are judged; else those at points.
-
-    One value in a set-up is that set-up's zero: nothing is left of it whatever the sensor.
-    """
-    direct = _of_itself(other, set_ups)
-    tells = np.any(np.abs(set_ups.remaining[direct]) > ROUNDING)
-    return bool(tells or direct[other.view.rows].all())
-
-
-def rows_moved(other: OtherSensors, set_ups: SetUps) -> IntArray:
-    """List all rows of the channels in which a component shows: a zero may move them all."""
-    return np.flatnonzero(np.isin(set_ups.channel, other.view.channels))
-
-
-def rows_of_figures(other: OtherSensors, set_ups: SetUps) -> BoolArray:
-    """Say which of these rows figures are of: the component's own, or else those at points."""
-    shows = rows_moved(other, set_ups)
-    direct = _of_itself(other, set_ups)[shows]
-    return direct if is_direct(other, set_ups) else ~direct
-
-
-def _of_itself(other: OtherSensors, set_ups: SetUps) -> BoolArray:
-    channels = set_ups.residuals.rows.channels
-    number = channels.index(other.code) if other.code in channels else -1
-    direct: BoolArray = set_ups.channel == number
-    return direct
-
-
-def unit_of_figures(other: OtherSensors, set_ups: SetUps) -> str:
-    """Give the unit of figures: the component's, or µm at points."""
-    unit = COMPONENTS[other.code].unit if is_direct(other, set_ups) else Unit.UM
-    return unit.symbol

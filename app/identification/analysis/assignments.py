@@ -36,12 +36,8 @@ from app.identification.analysis.assignment_trials import (
     SURE,
     OtherSensors,
     Trial,
-    is_direct,
     largest_by_chance,
     read_by_others,
-    rows_moved,
-    rows_of_figures,
-    unit_of_figures,
 )
 from app.identification.analysis.set_ups import SetUps
 from app.identification.campaign import Campaign
@@ -68,7 +64,7 @@ def judge_assignments(campaign: Campaign, residuals: Residuals) -> tuple[TriedAs
     for by_other in read_by_others(campaign, residuals):
         why = _why_not_judged(campaign, set_ups, by_other)
         if why:
-            refused.append(_not_judged(by_other, set_ups, why))
+            refused.append(_not_judged(Trial(set_ups, by_other), why))
         else:
             open_.append(by_other)
     rivals = Rivals(campaign, residuals)
@@ -154,22 +150,17 @@ def _answer(trial: Trial, chance: float, rivals: Rivals) -> TriedAssignment:
         (rms(after[place == at]) - rms(before[place == at]), int(at)) for at in np.unique(place)
     ]
     worst = max(sizes)[1]
-    answer = TriedAssignment(
-        component=other.code,
-        present_sensor=other.present,
+    answer = replace(
+        _not_judged(trial, ""),
         other_sensor=trial.sensor,
         as_good=trial.as_good,
-        unit=unit_of_figures(other, trial.set_ups),
-        at_points=not is_direct(other, trial.set_ups),
         setups=len(trial.each[0]),
-        before_rms=rms(before),
         after_rms=rms(after),
         worst_setup=trial.set_ups.label(worst),
         worst_before_rms=rms(before[place == worst]),
         worst_after_rms=rms(after[place == worst]),
         p_global=chance,
         why_not=None,
-        sentence="",
     )
     why = _why_not(trial, answer, chance, rivals)
     if why:
@@ -217,17 +208,17 @@ def _over(assignment: TriedAssignment) -> str:
     )
 
 
-def _not_judged(other: OtherSensors, set_ups: SetUps, why: str) -> TriedAssignment:
-    residuals = set_ups.remaining[rows_moved(other, set_ups)][rows_of_figures(other, set_ups)]
+def _not_judged(trial: Trial, why: str) -> TriedAssignment:
+    other, set_ups = trial.other, trial.set_ups
     return TriedAssignment(
         component=other.code,
         present_sensor=other.present,
         other_sensor=None,
         as_good=(),
-        unit=unit_of_figures(other, set_ups),
-        at_points=not is_direct(other, set_ups),
+        unit=trial.unit,
+        at_points=not trial.is_direct,
         setups=int(np.unique(set_ups.place[other.view.rows]).size),
-        before_rms=rms(residuals),
+        before_rms=rms(set_ups.remaining[trial.shows][trial.compared]),
         after_rms=None,
         worst_setup=None,
         worst_before_rms=None,

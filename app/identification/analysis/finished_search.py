@@ -251,7 +251,14 @@ class FinishedSearch:
         """
         hypothesis = self.hypotheses.get(claim_of(effect).key)
         if hypothesis is not None and hypothesis.supposed is not None:
-            return self._left_by(hypothesis)
+            return sum(
+                (
+                    hypothesis.columns(self.residuals.projection, term.theta) @ term.amplitudes
+                    for term in self.findings.terms
+                    if term.key == hypothesis.key
+                ),
+                np.zeros(len(self.use)),
+            )
         total = sum_of_terms(self.residuals.projection, effect.terms)
         return np.nan_to_num(total, nan=0.0)
 
@@ -293,14 +300,6 @@ class FinishedSearch:
             self.use
         ]
         return 1.0 - float(visible @ visible) / size if size > 0.0 else 0.0
-
-    def _left_by(self, mistake: Hypothesis) -> FloatArray:
-        supposed = np.zeros(len(self.use))
-        for term in self.findings.terms:
-            if term.key == mistake.key:
-                for part in mistake.parts(self.residuals.projection, term.theta):
-                    supposed[part.rows] += part.columns @ term.amplitudes
-        return supposed
 
 
 def _as_at(term: Term, time_s: float) -> Term:
