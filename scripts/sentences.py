@@ -58,15 +58,20 @@ class _Finder(ast.NodeVisitor):
                 self.found.append((one.lineno, None, one.value.value))
         self.generic_visit(node)
 
+    def visit_Assign(self, node: ast.Assign) -> None:
+        """Take names of kinds of effects, with spaces too."""
+        if _is_text(node.value) and getattr(node.targets[0], "id", "") == "kind":
+            kind = node.value.value
+            self.found += [(node.lineno, None, kind), (node.lineno, None, kind.replace("-", " "))]
+        else:
+            self.visit(node.value)
+
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        """Take names of kinds of effects, with spaces too, and constants of one word."""
+        """Take constants of one word."""
         if node.value is None:
             return
         name = getattr(node.target, "id", "")
-        if _is_text(node.value) and name == "kind":
-            kind = node.value.value
-            self.found += [(node.lineno, None, kind), (node.lineno, None, kind.replace("-", " "))]
-        elif _is_text(node.value) and name.isupper() and re.fullmatch("[a-z]+", node.value.value):
+        if _is_text(node.value) and name.isupper() and re.fullmatch("[a-z]+", node.value.value):
             self.found.append((node.lineno, None, node.value.value))
         else:
             self.visit(node.value)

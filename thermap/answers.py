@@ -123,33 +123,13 @@ class BinAnswer(Shape):
 
 
 class CauseAnswer(Shape):
-    """What the observations say of one cause among many that drive an effect together."""
-
-    claim: Literal["kind", "driver", "tie", "amount"]
-    """`kind`: whether a kind of cause takes part; `driver`: a cause that nothing else can stand in
-    for; `tie`: causes that can stand in for one another; `amount`: by how much the component moves
-    """
+    """How much a kind of drivers moves a component, of many that drive it together."""
 
     names: list[str]
     """Sensors and states that it is about; empty where it is about all or none"""
 
     sentence: str
     """One plain sentence"""
-
-    two_ln_bayes_factor: float | None
-    """Evidence that is lost without it, 2 ln of the Bayes factor: above 6 is strong, above 10 very
-    strong
-    """
-
-    value: float | None
-    """The amount after the longest time that is stated [µm; angular components µrad, squareness
-    µm/m]
-    """
-
-    error: float | None
-    """Its standard deviation, the larger of those by posterior and by jackknife [µm; angular
-    components µrad, squareness µm/m]
-    """
 
 
 class CheckAnswer(Shape):
@@ -2021,7 +2001,7 @@ class TravelSchema(Shape):
 
 
 class TriedAssignmentAnswer(Shape):
-    """One component's maps read by a sensor other than the assigned one, on held-out set-ups."""
+    """One component that is found to follow a sensor other than the assigned one."""
 
     component: str
     """Component code"""
@@ -2030,42 +2010,21 @@ class TriedAssignmentAnswer(Shape):
     """Sensor that it follows now"""
 
     other_sensor: str | None
-    """The other sensor that leaves least; null where nothing could be judged"""
+    """The other sensor; null in older results where nothing could be judged"""
 
     as_good: list[str]
-    """Other sensors that leave nearly as little, within 5 %: the set-ups cannot tell them apart
-    """
+    """Other sensors that the set-ups cannot tell from it"""
 
     unit: str
     """Unit of its numbers"""
 
-    at_points: bool
-    """Whether figures are of points of the work volume, because it was not observed by itself"""
-
-    setups: int
-    """Number of set-ups in which it shows"""
-
     before_rms_um: float
-    """Root mean square of the residuals with the present sensor, from each set-up's zero [µm]; see
-    `unit`
+    """Root mean square of the residuals with the present sensor, on held-out set-ups from their
+    zeros [µm]; see `unit`
     """
 
     after_rms_um: float | None
-    """The same with the other sensor; in each set-up the one that all other set-ups choose [µm];
-    see `unit`
-    """
-
-    worst_setup: str | None
-    """Label of the set-up that gets most worse, or gains least"""
-
-    worst_before_rms_um: float | None
-    """Its root mean square with the present sensor [µm]; see `unit`"""
-
-    worst_after_rms_um: float | None
-    """Its root mean square with the other sensor [µm]; see `unit`"""
-
-    p_global: float | None
-    """Probability that some sensor on some component gains as evenly by chance"""
+    """The same with the other sensor, as set-ups that were not held out say [µm]; see `unit`"""
 
     why_not: str | None
     """Why the other sensor is not proposed; null where it is"""
@@ -2479,19 +2438,19 @@ class AdoptedEffectAnswer(Shape):
     """An effect that the version has adopted."""
 
     kind: str
-    """Kind of the effect"""
+    """Kind of effect"""
 
     variant: str
-    """Which form of the kind, empty where it has one only"""
+    """Which form of the kind; empty where it has one only"""
 
     components: list[str]
-    """Components that it acts on"""
+    """On which components"""
 
     sensors: list[str]
-    """Sensors that drive it"""
+    """Driven by which sensors"""
 
     states: list[str]
-    """States of the machine that drive it"""
+    """Driven by which states"""
 
     parameters: dict[str, float]
     """Parameters; their names say the unit"""
@@ -3527,13 +3486,13 @@ class SharedEffect(Shape):
     """Which form of the kind; empty where it has one only"""
 
     components: list[str]
-    """Components that it acts on"""
+    """On which components"""
 
     sensors: list[str]
-    """Sensors that drive it"""
+    """Driven by which sensors"""
 
     states: list[str]
-    """States that drive it"""
+    """Driven by which states"""
 
     explanation: str
     """The effect as found on the machine from which it was tried on the others"""
@@ -3756,8 +3715,7 @@ class AnalysisResult(Shape):
     """
 
     assignments: list[TriedAssignmentAnswer]
-    """Whether each component should follow another sensor, proposals first; empty in older results
-    """
+    """Components that are found to follow another sensor than theirs, proposals first"""
 
     temperatures_c: dict[str, list[Any]]
     """The lowest and the highest temperature of each sensor at the times of the values [°C]; empty

@@ -63,15 +63,6 @@ class OverTime(StrEnum):
     BEGINS = "it begins at one time, and stays"
 
 
-class AsOtherSensor(StrEnum):
-    """What a kind is where a component seems to follow another sensor than its own."""
-
-    RIVAL = "it may explain by itself what the other sensor would"
-    IMITATION = "with sizes that are fitted it does there what the other sensor does without any"
-    SAME = "it is the same under another name"
-    NO_RIVAL = "no single temperature moves it"
-
-
 @dataclass(frozen=True, slots=True)
 class NotTested(Answer, published_as="NotTestedAnswer"):
     """Something that these observations cannot show."""
@@ -123,8 +114,7 @@ class EffectKind(ABC):
 
     What comes `over_time` an instrument may do as well. What is `of_time_alone` does not come
     again with temperatures or states: the machine is no longer what it was. What is `constant` is
-    the same at all times and temperatures, as an instrument's zero is. `as_other_sensor` says what
-    a kind is beside the claim that a component follows another sensor.
+    the same at all times and temperatures, as an instrument's zero is.
 
     When a component is measured again, an adopted effect may no longer hold. One `lacked_by_maps`
     is of components that no two maps had, and goes once they have them. One that is `zero_in_maps`,
@@ -153,7 +143,6 @@ class EffectKind(ABC):
     over_time: ClassVar[OverTime | None] = None
     of_time_alone: ClassVar[bool] = False
     constant: ClassVar[bool] = False
-    as_other_sensor: ClassVar[AsOtherSensor] = AsOtherSensor.RIVAL
     lacked_by_maps: ClassVar[bool] = False
     zero_in_maps: ClassVar[bool] = False
     measured_along: ClassVar[bool] = False

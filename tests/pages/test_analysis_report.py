@@ -422,9 +422,9 @@ def test_what_becomes_of_effects_that_the_model_had_is_told():
 
 def test_another_sensor_is_said_before_the_figures_on_the_present_one():
     page = written(MOVED)
-    at = page.index("EZZ with column-rear instead of z-column: 7.6 → 5.1 µm over 28 set-ups")
+    at = page.index("EZZ with column-rear instead of z-column: 7.6 → 5.1 µm on held-out set-ups")
     assert at < page.index("Before and after</h2>")
-    assert "EYZ: not judged: needs 8 set-ups" in page
+    assert "what is said of EXZ" in page
     assert "Which sensor each component follows" not in written(FOUND)
 
 

@@ -7,7 +7,6 @@ from app.effects.conditions import Signal
 from app.effects.driver import AboveReference
 from app.effects.effect import Effect
 from app.effects.kind import (
-    AsOtherSensor,
     EffectKind,
     Need,
     Proposed,
@@ -30,7 +29,6 @@ class AdditionalSensor(EffectKind):
 
     kind = "additional-sensor"
     text = "a component also moves with a second sensor, at once or late"
-    as_other_sensor = AsOtherSensor.IMITATION
     zero_in_maps = True
     needs = Need.MOMENTS
     of_the_type = True

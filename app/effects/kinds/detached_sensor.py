@@ -8,7 +8,7 @@ from app.effects.campaign_view import CampaignView
 from app.effects.driver import Difference
 from app.effects.effect import Effect
 from app.effects.hypothesis import Estimate, Hypothesis, Reported, moved_temperature
-from app.effects.kind import AsOtherSensor, EffectKind, Need, Proposed
+from app.effects.kind import EffectKind, Need, Proposed
 from app.effects.words import components, parameter
 from app.search.candidate import Expected
 
@@ -30,7 +30,6 @@ class DetachedSensor(EffectKind):
 
     kind = "detached-sensor"
     text = "a sensor reads a mix of its body's temperature and that of its surroundings"
-    as_other_sensor = AsOtherSensor.IMITATION
     measured_along = True
     drawn_over = "time"
     share_of = "of its body's temperature in the reading"

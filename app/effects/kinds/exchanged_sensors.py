@@ -13,7 +13,6 @@ from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE, Hypothesis
 from app.effects.kind import (
-    AsOtherSensor,
     EffectKind,
     Need,
     Proposed,
@@ -40,7 +39,6 @@ class ExchangedSensors(EffectKind):
 
     kind = "exchanged-sensors"
     text = "two sensors are swapped: each reads the temperature of the other's place"
-    as_other_sensor = AsOtherSensor.IMITATION
     drawn_over = "time"
     share_of = "of what swapping the two readings would cause: 1 if they are swapped"
     needs = Need.MOMENTS

@@ -11,7 +11,6 @@ from app.effects.driver import Always
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis
 from app.effects.kind import (
-    AsOtherSensor,
     EffectKind,
     Need,
     Proposed,
@@ -31,7 +30,6 @@ class OtherSensor(EffectKind):
 
     kind = "other-sensor"
     text = "a component follows a sensor other than the assigned one"
-    as_other_sensor = AsOtherSensor.SAME
     share_of = "of what the tables say that follows the other sensor: 1 for all of it, 0 for none"
     needs = Need.MOMENTS
     only_once = True

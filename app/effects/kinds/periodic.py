@@ -20,7 +20,7 @@ from app.effects.hypothesis import (
     Reported,
     reported_theta,
 )
-from app.effects.kind import AsOtherSensor, EffectKind, Proposed
+from app.effects.kind import EffectKind, Proposed
 from app.effects.shape import Wave
 from app.effects.term import Term
 from app.effects.words import parameter, symbol_of
@@ -50,7 +50,6 @@ class Periodic(EffectKind):
     kind = "periodic"
     text = "a sine over position with unknown pitch, and its harmonics"
     alternates = True
-    as_other_sensor = AsOtherSensor.NO_RIVAL
     drawn_over = "position"
     of_the_type = True
     shown_by = "measure {component} at 50 or more randomly spaced positions over some 100 mm"

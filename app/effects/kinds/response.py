@@ -6,7 +6,7 @@ from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
-from app.effects.kind import AsOtherSensor, EffectKind, Proposed
+from app.effects.kind import EffectKind, Proposed
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 
@@ -25,7 +25,6 @@ class Response(EffectKind):
 
     kind = "response"
     text = "many sensors and states act together with lags, and no single one of them can be named"
-    as_other_sensor = AsOtherSensor.NO_RIVAL
     measured_along = True
     only_once = True
     of_the_type = True

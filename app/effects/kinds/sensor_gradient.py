@@ -12,7 +12,6 @@ from app.effects.conditions import Signal
 from app.effects.driver import Difference
 from app.effects.effect import Effect
 from app.effects.kind import (
-    AsOtherSensor,
     EffectKind,
     Need,
     Proposed,
@@ -38,7 +37,6 @@ class SensorGradient(EffectKind):
 
     kind = "sensor-gradient"
     text = "bending with the temperature difference between two sensors, at once or late"
-    as_other_sensor = AsOtherSensor.IMITATION
     zero_in_maps = True
     needs = Need.MOMENTS
     only_once = True
@@ -72,9 +70,11 @@ class SensorGradient(EffectKind):
         signals = [Signal("temperature", sensor) for sensor in view.varying_sensors]
         grids_s = dict.fromkeys(signals, tuple[float, ...]())
         if len(signals) > ALL_PAIRS_UP_TO:
-            among, many = f"{len(signals)} sensors", "are left out: there are too many"
-            yield self.refuse(among, f"pairs without the component's own sensor {many}")
-            yield self.refuse(f"{among}, {LATE}", f"differences that act late {many}")
+            among = f"{len(view.varying_sensors)} sensors"
+            reason = "pairs without the component's own sensor are left out: there are too many"
+            yield self.refuse(among, reason)
+            reason = "differences that act late are left out: there are too many"
+            yield self.refuse(f"{among}, {LATE}", reason)
         else:
             grids_s = {signal: view.time_constants_s(signal) for signal in signals}
             yield from not_late(self, view, grids_s, LATE)

@@ -22,7 +22,7 @@ from app.errors import list_names
 from app.identification.analysis import analysis
 from app.identification.analysis.advice import mistakes_first, not_compared, summary, what_next
 from app.identification.analysis.analysis import Analysis, SmallestSeen, UnexplainedPart, by_reason
-from app.identification.analysis.assignments import judge_assignments, said_first
+from app.identification.analysis.assignments import found_assignments, said_first
 from app.identification.analysis.before_after import (
     NO_REPEATS,
     component_figures,
@@ -145,7 +145,6 @@ def analyse(
     learns = chosen_kinds is None or Response.kind in chosen_kinds
     searched = SEARCHED if learns else 1.0
     with one_blas_thread():
-        tried = judge_assignments(campaign, residuals)
         of_maps = map_uncertainty(
             projection, campaign.maps, error_columns(projection, trusted, inexact)
         )
@@ -198,7 +197,7 @@ def analyse(
         judged_channels(finished),
     )
     answer = _with_next_steps(answer, campaign, residuals, inexact)
-    return said_first(answer, tried, campaign.model.machine.id)
+    return said_first(answer, campaign.model.machine.id)
 
 
 def _checked_kinds(kinds: Collection[str]) -> list[str]:
@@ -281,8 +280,9 @@ def _answer(
     after = pooled_figures(
         finished.rows, finished.zeros, residuals_after, findings.adopted, chosen, seed
     )
+    of_search = not_beside(found_effects(finished, effects, decision), adopted)
     described = [
-        *not_beside(found_effects(finished, effects, decision), adopted),
+        *of_search,
         *(offered.found for offered in responses.offered),
         *faulty,
     ]
@@ -344,6 +344,7 @@ def _answer(
             is_cut=findings.is_cut,
             times_s=finished.residuals.rows.times_s[finished.use],
         ),
+        assignments=found_assignments(finished, of_search, adopted),
         plots=plots(finished, [*effects, *(offered.effect for offered in responses.offered)]),
     )
 

@@ -31,7 +31,7 @@ MOST_SUBJECTS: Final = 12
 
 @dataclass(frozen=True, slots=True)
 class TriedAssignment(Answer, published_as="TriedAssignmentAnswer"):
-    """One component's maps read by a sensor other than the assigned one, on held-out set-ups."""
+    """One component that is found to follow a sensor other than the assigned one."""
 
     component: Annotated[str, Field(examples=["EZZ"])]
     """Component code"""
@@ -40,39 +40,20 @@ class TriedAssignment(Answer, published_as="TriedAssignmentAnswer"):
     """Sensor that it follows now"""
 
     other_sensor: str | None
-    """The other sensor that leaves least; null where nothing could be judged"""
+    """The other sensor; null in older results where nothing could be judged"""
 
     as_good: Sensors
-    """Other sensors that leave nearly as little, within 5 %: the set-ups cannot tell them apart"""
+    """Other sensors that the set-ups cannot tell from it"""
 
     unit: UnitSymbol
     """Unit of its numbers"""
 
-    at_points: bool
-    """Whether figures are of points of the work volume, because it was not observed by itself"""
-
-    setups: int
-    """Number of set-ups in which it shows"""
-
     before_rms: Annotated[float, Field(alias="before_rms_um")]
-    """Root mean square of the residuals with the present sensor, from each set-up's zero [µm]; see
-    `unit`"""
+    """Root mean square of the residuals with the present sensor, on held-out set-ups from their
+    zeros [µm]; see `unit`"""
 
     after_rms: Annotated[float | None, Field(alias="after_rms_um")]
-    """The same with the other sensor; in each set-up the one that all other set-ups choose [µm];
-    see `unit`"""
-
-    worst_setup: str | None
-    """Label of the set-up that gets most worse, or gains least"""
-
-    worst_before_rms: Annotated[float | None, Field(alias="worst_before_rms_um")]
-    """Its root mean square with the present sensor [µm]; see `unit`"""
-
-    worst_after_rms: Annotated[float | None, Field(alias="worst_after_rms_um")]
-    """Its root mean square with the other sensor [µm]; see `unit`"""
-
-    p_global: float | None
-    """Probability that some sensor on some component gains as evenly by chance"""
+    """The same with the other sensor, as set-ups that were not held out say [µm]; see `unit`"""
 
     why_not: str | None
     """Why the other sensor is not proposed; null where it is"""
@@ -211,8 +192,7 @@ class Analysis(Answer, published_as="AnalysisResult"):
     in older results"""
 
     assignments: tuple[TriedAssignment, ...] = ()
-    """Whether each component should follow another sensor, proposals first; empty in older
-    results"""
+    """Components that are found to follow another sensor than theirs, proposals first"""
 
     temperatures_c: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """The lowest and the highest temperature of each sensor at the times of the values [°C]; empty

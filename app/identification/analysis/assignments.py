@@ -1,94 +1,73 @@
-"""Whether a component's maps, read by another of the machine's sensors, would leave less.
+"""Which components should follow another sensor, as the search has found.
 
-The sensor that a component follows was chosen of a few maps. Verifications may know better: the
-same maps are interpolated over every other sensor whose temperatures they state, as a table would
-be if it were assigned, and what that leaves of each set-up is held against what the assigned
-sensor leaves. No number is estimated, but a sensor is chosen among many, and so
-
-- the sensor that a set-up is judged by is the one that all others choose;
-- the gain must be larger than any sensor's on any component would be by chance: the signs of
-  whole set-ups are drawn anew, and the largest statistic of all pairs counts (P. Westfall,
-  S. Young, Resampling-Based Multiple Testing (1993));
-- no set-up may get markedly worse;
-- no one effect of the library may explain as much on the sensor that is assigned
-  (`assignment_rivals`): a structure that answers late looks like one that follows another sensor.
-
-Points show many components at once. What a proposal explains is therefore taken off before the
-other components are judged.
+The sensor that a component follows was chosen of a few maps. Verifications may know better: that
+its maps are read by another sensor is looked for among all other effects (`other-sensor`), with a
+share of it that is estimated, and judged by set-ups that were held out, as these are. Where the
+share is the whole, to assign that sensor says the same of every table. It is proposed where the
+effect would be adopted, and none on the present sensor ties with it: a structure that answers late
+looks like one that follows another sensor.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from math import hypot
 
 import numpy as np
 
-from app.arrays import rms
+from app.effects.effect import Effect
+from app.effects.hypothesis import WHOLE
+from app.effects.kinds.other_sensor import OtherSensor
+from app.effects.observations import POINT_CHANNELS
+from app.effects.words import TWO_ERRORS
 from app.errors import list_names
-from app.geometry.components import ORDER
 from app.identification.analysis.analysis import Analysis, TriedAssignment
-from app.identification.analysis.assignment_rivals import Rivals
-from app.identification.analysis.assignment_trials import (
-    DRAWN,
-    LEAST_GAIN,
-    ROUNDING,
-    SURE,
-    OtherSensors,
-    Trial,
-    largest_by_chance,
-    read_by_others,
-)
-from app.identification.analysis.set_ups import SetUps
-from app.identification.campaign import Campaign
-from app.identification.residuals.residuals import Residuals
-from app.search.scatter import FEWEST_BLOCKS
+from app.identification.analysis.finished_search import FinishedSearch
+from app.identification.analysis.found_effect import FoundEffect
+from app.identification.analysis.held_out_visits import size_left
+from app.identification.residuals.residuals import channel_unit
 
 
-def judge_assignments(campaign: Campaign, residuals: Residuals) -> tuple[TriedAssignment, ...]:
-    """Test for each component whether another sensor would leave markedly less.
+def found_assignments(
+    finished: FinishedSearch, effects: Sequence[FoundEffect], adopted: Sequence[Effect]
+) -> tuple[TriedAssignment, ...]:
+    """Say of each component that is found to follow another sensor as a whole whether to assign it.
+
+    With another share, or with several sensors, it follows none as a table does.
 
     Parameters
     ----------
-    residuals
-        What the campaign's model leaves, adopted effects included.
+    effects
+        Those of the search, in the order of its terms.
+    adopted
+        What the model has.
 
     Returns
     -------
     tuple of TriedAssignment
-        One for each component that has maps in two states and shows in the observations: first
-        those with a proposal, the one that explains most before the others.
+        Proposals first.
     """
-    set_ups = SetUps(residuals, residuals.values)
-    refused, open_ = [], []
-    for by_other in read_by_others(campaign, residuals):
-        why = _why_not_judged(campaign, set_ups, by_other)
-        if why:
-            refused.append(_not_judged(Trial(set_ups, by_other), why))
-        else:
-            open_.append(by_other)
-    rivals = Rivals(campaign, residuals)
-    proposed: list[TriedAssignment] = []
-    while True:
-        trials = sorted((Trial(set_ups, other) for other in open_), key=lambda trial: -trial.gain)
-        accepted, answers = _first_proposal(trials, rivals)
-        if accepted is None:
-            break
-        proposed += answers
-        set_ups = accepted.taken_off
-        open_ = [other for other in open_ if other is not accepted.other]
-    others = sorted([*answers, *refused], key=lambda assignment: ORDER[assignment.component])
-    return (*proposed, *others)
+    numbers = [i for i, effect in enumerate(effects) if effect.kind == OtherSensor.kind]
+    helping = Counter(c for i in numbers if effects[i].helps for c in effects[i].components)
+    found = [
+        _of_component(finished, number, effects[number], code, adopted)
+        for number in numbers
+        if _is_whole(effects[number])
+        for code in effects[number].components
+        if helping[code] < 2
+    ]
+    return tuple(sorted(found, key=lambda assignment: assignment.why_not is not None))
 
 
-def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: str) -> Analysis:
+def said_first(answer: Analysis, machine_id: str) -> Analysis:
     """Set the proposals before everything else that an analysis says.
 
     What was adopted with the present sensor ends where the assignment changes
     (`app.effects.adopted.carry_over`), so that it may serve until then.
     """
-    proposals = [assignment for assignment in tried if assignment.proposed_sensor]
-    answer = replace(answer, assignments=tuple(tried))
+    proposals = answer.proposals
     if not proposals:
         return answer
     pairs = [f"{proposal.component}={proposal.proposed_sensor}" for proposal in proposals]
@@ -107,123 +86,69 @@ def said_first(answer: Analysis, tried: Sequence[TriedAssignment], machine_id: s
     )
 
 
-def _why_not_judged(campaign: Campaign, set_ups: SetUps, other: OtherSensors) -> str:
-    """Say why nothing can be said of a component, empty where something can."""
-    count = np.unique(set_ups.place[other.view.rows]).size
-    if any(other.code in effect.components for effect in campaign.effects):
-        return f"the model has effects on it that were learnt with {other.present}"
-    if count < FEWEST_BLOCKS:
-        return f"needs at least {FEWEST_BLOCKS} set-ups in which it shows, got {count}"
-    if not np.any(np.abs(set_ups.remaining[other.view.rows]) > ROUNDING):
-        return "each set-up has one value of it and a zero of its own: no two can be compared"
-    if not other.sensors:
-        return "no other sensor has readings there and can tell its maps apart"
-    return ""
+def _is_whole(effect: FoundEffect) -> bool:
+    """Whether the share is 1, as far as its error and those of the maps' slopes can tell."""
+    share, error = effect.parameters["share"], effect.standard_errors.get("share", 0.0)
+    return abs(share - 1.0) <= TWO_ERRORS * hypot(error, WHOLE.spread)
 
 
-def _first_proposal(
-    trials: Sequence[Trial], rivals: Rivals
-) -> tuple[Trial | None, list[TriedAssignment]]:
-    """Find the first component for which another sensor is proposed.
-
-    Returns
-    -------
-    trial, answers
-        The component, and what is said of it; or None, and what is said of all.
-    """
-    largest = largest_by_chance(trials)
-    answers = []
-    for trial in trials:
-        beyond = np.count_nonzero(largest >= trial.statistic - ROUNDING)
-        answer = _answer(trial, float(1 + beyond) / (1 + DRAWN), rivals)
-        if answer.proposed_sensor:
-            return trial, [answer]
-        answers.append(answer)
-    return None, answers
-
-
-def _answer(trial: Trial, chance: float, rivals: Rivals) -> TriedAssignment:
-    other, compared = trial.other, trial.compared
-    before, after = trial.remaining[0][compared], trial.after[compared]
-    place = trial.set_ups.place[trial.shows][compared]
-    sizes = [
-        (rms(after[place == at]) - rms(before[place == at]), int(at)) for at in np.unique(place)
-    ]
-    worst = max(sizes)[1]
-    answer = replace(
-        _not_judged(trial, ""),
-        other_sensor=trial.sensor,
-        as_good=trial.as_good,
-        setups=len(trial.each[0]),
-        after_rms=rms(after),
-        worst_setup=trial.set_ups.label(worst),
-        worst_before_rms=rms(before[place == worst]),
-        worst_after_rms=rms(after[place == worst]),
-        p_global=chance,
-        why_not=None,
+def _of_component(
+    finished: FinishedSearch,
+    number: int,
+    effect: FoundEffect,
+    code: str,
+    adopted: Sequence[Effect],
+) -> TriedAssignment:
+    """Hold held-out set-ups by the present sensor against the same by the other one."""
+    term, names = finished.findings.terms[number], finished.residuals.rows.channels
+    foretold = finished.foretold(number)
+    channels = [c for c in term.channels if names[c] == code]
+    channels = channels or [c for c in term.channels if names[c] in POINT_CHANNELS]
+    acts = finished.use & np.isin(finished.rows.channel, channels)
+    if (foretold[acts] != 0.0).any():
+        acts &= foretold != 0.0
+    before, after = (
+        size_left(finished, prediction, acts) for prediction in (np.zeros(len(acts)), foretold)
     )
-    why = _why_not(trial, answer, chance, rivals)
-    if why:
-        words = f"{other.code} stays on {other.present}: {why}"
-        return replace(answer, why_not=why, sentence=words)
-    also = f"; {list_names(answer.as_good, 4)} would do as well" if answer.as_good else ""
-    words = f"{_over(answer)}; no set-up would get markedly worse{also}"
-    return replace(answer, sentence=words)
-
-
-def _why_not(trial: Trial, assignment: TriedAssignment, chance: float, rivals: Rivals) -> str:
-    """Say why the other sensor is not proposed, empty where it is."""
-    before, after = assignment.before_rms, assignment.after_rms
-    if after is None or after > (1.0 - LEAST_GAIN) * before:
-        return f"{_over(assignment)}, not markedly less"
-    if chance > SURE:
-        return (
-            f"{_over(assignment)}, but some sensor would gain as evenly by chance with probability "
-            f"{chance:.2g}"
-        )
-    if trial.harmed is not None:
-        return (
-            f"{_over(assignment)}, but set-up {trial.set_ups.label(trial.harmed)!r} would get worse"
-        )
-    rival = rivals.explaining_as_much(
-        trial.set_ups, trial.other.code, trial.shows, trial.scale, trial.gain
+    present, other = effect.sensors
+    unit = channel_unit(names[channels[0]]).symbol
+    as_good = tuple(
+        tie.sensors[-1]
+        for tie in effect.ties
+        if tie.kind == OtherSensor.kind and code in tie.components and tie.sensors[-1] != other
     )
-    if rival:
-        return f"{_over(assignment)}, but {rival} explains as much"
-    return ""
-
-
-def _over(assignment: TriedAssignment) -> str:
-    """Say what the other sensor leaves.
-
-    The numbers are of set-ups held out.
-    """
-    where = " at points" if assignment.at_points else ""
-    return (
-        f"{assignment.component} with {assignment.other_sensor} instead of "
-        f"{assignment.present_sensor} would "
-        f"leave {assignment.after_rms:.3g} instead of {assignment.before_rms:.3g} "
-        f"{assignment.unit}{where} on "
-        "held-out set-ups"
+    where = "" if code in names else " at points"
+    over = (
+        f"{code} with {other} instead of {present} would leave {after:.3g} instead of "
+        f"{before:.3g} {unit}{where} on held-out set-ups"
     )
-
-
-def _not_judged(trial: Trial, why: str) -> TriedAssignment:
-    other, set_ups = trial.other, trial.set_ups
+    also = f"; {list_names(as_good, 4)} would do as well" if as_good else ""
+    why = _why_not(effect, code, adopted)
     return TriedAssignment(
-        component=other.code,
-        present_sensor=other.present,
-        other_sensor=None,
-        as_good=(),
-        unit=trial.unit,
-        at_points=not trial.is_direct,
-        setups=int(np.unique(set_ups.place[other.view.rows]).size),
-        before_rms=rms(set_ups.remaining[trial.shows][trial.compared]),
-        after_rms=None,
-        worst_setup=None,
-        worst_before_rms=None,
-        worst_after_rms=None,
-        p_global=None,
-        why_not=why,
-        sentence=f"{other.code} was not tried with a sensor other than {other.present}: {why}",
+        component=code,
+        present_sensor=present,
+        other_sensor=other,
+        as_good=as_good,
+        unit=unit,
+        before_rms=before,
+        after_rms=after,
+        why_not=why or None,
+        sentence=f"{code} stays on {present}: {over}, but {why}"
+        if why
+        else f"{over}; no set-up would get markedly worse{also}",
     )
+
+
+def _why_not(effect: FoundEffect, code: str, adopted: Sequence[Effect]) -> str:
+    """Say why the other sensor is not proposed, empty where it is."""
+    present, other = effect.sensors
+    if any(code in of_model.components for of_model in adopted):
+        return f"the model has effects on it that were learnt with {present}"
+    if not effect.helps:
+        return effect.why_not or ""
+    for tie in effect.ties:
+        if tie.kind != OtherSensor.kind and other not in tie.sensors:
+            drivers = (*tie.sensors, *tie.states)
+            by = f" driven by {list_names(drivers, 3)}" if drivers else ""
+            return f"{tie.kind} of {list_names(tie.components, 4)}{by} explains as much"
+    return ""
