@@ -13,7 +13,11 @@ from app.geometry.components import COMPONENTS
 from app.units import plus_minus, unit_of_field
 
 TWO_ERRORS: Final = 2.0
-"""Values so many standard errors apart are different ones."""
+SURELY: Final = 3.0
+"""Values so many standard errors apart are different ones, and surely so."""
+
+MOST_NAMED: Final = 3
+"""So many names stand in a sentence; of others it says how many they are."""
 
 
 def parameter(effect: Effect, name: str, unit: str | None = None) -> str:

@@ -14,11 +14,9 @@ from app.effects.projection import Projection, View
 from app.effects.shape import Places
 from app.effects.term import Term
 from app.effects.valid import Range, Valid, range_of
+from app.effects.words import TWO_ERRORS
 from app.geometry.components import COMPONENTS
 from app.units import SECONDS_PER_DAY
-
-SURELY: Final = 2.0
-"""Standard errors by which a growth may be larger than it was found."""
 
 AGAIN: Final = 2.0 / 3.0
 """Share of the time in which a growth was observed for which it goes on afterwards. That it did was
@@ -92,8 +90,8 @@ class Growth(NamedTuple):
         """Say how long after going on for so long its error reaches the scatter [days]."""
         # Solved for d: |growth| d + 2 σ (continued + d) = scatter. The growth counts from where it
         # may have stopped, its error from the last observation on.
-        margin = self.scatter - SURELY * self.error_per_day * continued_days
-        return margin / max(self.per_day + SURELY * self.error_per_day, np.finfo(float).tiny)
+        margin = self.scatter - TWO_ERRORS * self.error_per_day * continued_days
+        return margin / max(self.per_day + TWO_ERRORS * self.error_per_day, np.finfo(float).tiny)
 
 
 def growths(
@@ -155,7 +153,10 @@ def limited_in_time(valid: Valid, growing: Sequence[Growth], *, goes_on: bool = 
     if goes_on:
         days = AGAIN * (valid.to_s - valid.from_s) / SECONDS_PER_DAY
         days = min(
-            [days, *(g.scatter / (SURELY * g.error_per_day) for g in growing if g.error_per_day)]
+            [
+                days,
+                *(g.scatter / (TWO_ERRORS * g.error_per_day) for g in growing if g.error_per_day),
+            ]
         )
     until_days = days + min(growth.days_after(days) for growth in growing)
     return replace(

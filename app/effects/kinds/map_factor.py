@@ -15,7 +15,7 @@ from app.effects.hypothesis import Amplitude, Estimate, Hypothesis, Reported
 from app.effects.kind import EffectKind, Proposed, Shakes
 from app.effects.map_tables import maps_of_label
 from app.effects.projection import Projection
-from app.effects.words import TWO_ERRORS, components, parameter, verb
+from app.effects.words import SURELY, TWO_ERRORS, components, parameter, verb
 from app.geometry.components import COMPONENTS
 from app.search.candidate import Expected
 from app.search.priors import UNSTATED_MAP_ERROR
@@ -43,10 +43,6 @@ OF_ITS_FACTOR: Final = 0.5
 the other maps. Else whatever was wrong only while it was measured is as likely: another kind."""
 
 MULTIPLY: Final = "to_multiply_by"
-
-SURE_FACTOR: Final = 3.0
-"""Standard errors by which a factor must be told from nothing, and within which it must be one that
-people make."""
 
 
 class MapFactor(EffectKind):
@@ -121,7 +117,7 @@ class MapFactor(EffectKind):
                 "nothing of the stored values is seen, by which a factor could be told: whatever "
                 "was wrong only while the map was measured would look the same"
             )
-        if _away(factor, error, nearest) > SURE_FACTOR:
+        if _away(factor, error, nearest) > SURELY:
             return (
                 f"they would have to be multiplied by {parameter(effect, MULTIPLY)}, which is no "
                 "factor of a unit or a sign"
@@ -234,7 +230,7 @@ def _is_nothing_left(effect: Effect) -> bool:
     """
     error = effect.standard_errors.get(MULTIPLY, 0.0)
     nearest = _possible(effect)[0]
-    return 0.0 < nearest < 1.0 and nearest < SURE_FACTOR * error
+    return 0.0 < nearest < 1.0 and nearest < SURELY * error
 
 
 def _how_wrong(factor: float) -> str:

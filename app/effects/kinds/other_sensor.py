@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from app.effects.campaign_view import CampaignView
@@ -19,10 +17,7 @@ from app.effects.kind import (
 )
 from app.effects.shape import Exchange
 from app.effects.term import Term
-from app.effects.words import components, parameter, verb
-
-NOT_WHOLE: Final = 3.0
-"""Standard errors from which a share is not 1."""
+from app.effects.words import SURELY, components, parameter, verb
 
 
 class OtherSensor(EffectKind):
@@ -87,7 +82,7 @@ class OtherSensor(EffectKind):
         """
         share = effect.parameters.get("share", 1.0)
         error = effect.standard_errors.get("share", 0.0)
-        if len(effect.components) > 1 or abs(share - 1.0) <= NOT_WHOLE * error:
+        if len(effect.components) > 1 or abs(share - 1.0) <= SURELY * error:
             return ""
         return (
             f"with a share of {share:.2g}, which is not 1, {effect.components[0]} follows neither "

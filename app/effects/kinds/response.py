@@ -7,13 +7,13 @@ from typing import Final
 from app.effects.campaign_view import CampaignView
 from app.effects.effect import Effect
 from app.effects.kind import EffectKind, Proposed
+from app.effects.words import MOST_NAMED
 from app.errors import counted, list_names
 from app.geometry.components import COMPONENTS
 
 BEFORE, AFTER = "held_out_before", "held_out_after"
 WORST_BEFORE, WORST_AFTER = "worst_before", "worst_after"
 SET_UPS: Final = "set_ups"
-MOST_NAMES: Final = 4
 
 
 class Response(EffectKind):
@@ -44,7 +44,7 @@ class Response(EffectKind):
         symbol = unit.symbol
         figures = effect.parameters
         drivers = [*effect.sensors, *effect.states]
-        named = list_names(drivers, MOST_NAMES)
+        named = list_names(drivers, MOST_NAMED)
         return (
             f"{code} responds to "
             f"{counted(len(drivers), 'sensor and state', 'sensors and states')} together "

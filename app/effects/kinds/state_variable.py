@@ -13,13 +13,11 @@ from app.effects.driver import State
 from app.effects.effect import Effect
 from app.effects.hypothesis import Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposed, additive, not_late
-from app.effects.words import parameter, size_along, symbol_of
+from app.effects.words import MOST_NAMED, parameter, size_along, symbol_of
 from app.errors import list_names
 
 AT_ONCE, SQUARED = "at once", "squared at once"
 LATE, SQUARED_LATE = "late", "squared, late"
-MOST_NAMED: Final = 3
-"""So many components are named in a reason."""
 POWERS: Final = {AT_ONCE: 1, SQUARED: 2, LATE: 1, SQUARED_LATE: 2}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Final
 
 from app.effects.campaign_view import CampaignView
 from app.effects.conditions import Signal
@@ -13,11 +12,8 @@ from app.effects.hypothesis import Amplitudes, Hypothesis, Nonlinear
 from app.effects.kind import EffectKind, Need, Proposed, together_and_each
 from app.effects.shape import Sensitivity
 from app.effects.term import Term
-from app.effects.words import components, is_whole, parameter, verb
+from app.effects.words import SURELY, components, is_whole, parameter, verb
 from app.errors import list_names
-
-FAR_ABOVE: Final = 3.0
-"""Standard errors by which a share is above 1 beyond chance."""
 
 
 class ThermalLag(EffectKind):
@@ -78,7 +74,7 @@ class ThermalLag(EffectKind):
     def doubt(self, effect: Effect) -> str:
         """A body that follows late follows as a whole at most; what is past that is not late."""
         share = effect.parameters.get("share", 1.0)
-        if share - 1.0 <= FAR_ABOVE * effect.standard_errors.get("share", 0.0):
+        if share - 1.0 <= SURELY * effect.standard_errors.get("share", 0.0):
             return ""
         return (
             f"with a share of {share:.2g}, more than 1, {list_names(effect.components, 3)} would "

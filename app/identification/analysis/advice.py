@@ -9,6 +9,7 @@ from typing import Final
 from app.arrays import FloatArray
 from app.effects.claim import Named
 from app.effects.registry import do_the_same, kind_of
+from app.effects.words import MOST_NAMED
 from app.errors import capitalised, counted, list_names
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.far_values import FarValue, asked_again
@@ -28,9 +29,6 @@ MUCH: Final = 0.1
 """Where so large a share of the values took no part, the answer says so."""
 
 NOT_ADOPTED: Final = "it is to be put right where it was made"
-
-MOST_NAMED: Final = 3
-"""So many effects the summary names; the answer lists all."""
 
 CUT: Final = (
     f"Adopt what helps and analyse again: the search stopped at {MOST_TERMS} effects, the most "

@@ -12,15 +12,13 @@ from pydantic import Field
 
 from app.answer import IN_ITS_UNIT, Answer, UnitSymbol
 from app.effects.observations import POINT_CHANNELS
+from app.effects.words import MOST_NAMED
 from app.errors import counted, list_names
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
 
 MOST_LISTED: Final = 200
 """So many are listed, the furthest first; all are counted."""
-
-MOST_NAMED: Final = 4
-"""So many components are named in a sentence."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from app.arrays import BoolArray, FloatArray, rms
+from app.effects.words import MOST_NAMED
 from app.errors import list_names
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.residuals.residuals import channel_unit
@@ -22,9 +23,6 @@ MARKEDLY: Final = 0.1
 
 AGREES: Final = 0.05
 """Probability by which held-out set-ups seem to agree with a refit although it gains nothing."""
-
-MOST_NAMED: Final = 3
-"""So many components are named."""
 
 FEWEST_GAINS: Final = 5
 """Visits from which a mean gain has a lower bound."""

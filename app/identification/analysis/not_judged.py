@@ -14,6 +14,7 @@ import numpy as np
 
 from app.arrays import FloatArray, IntArray, rms
 from app.effects.effect import Effect
+from app.effects.words import MOST_NAMED
 from app.errors import counted, list_names
 from app.identification.analysis.analysis import Analysis
 from app.identification.analysis.finished_search import FinishedSearch
@@ -30,8 +31,6 @@ LARGER: Final = 2.0
 """Root mean squares so many times what repeatability and maps explain are no chance: the maps'
 errors are a few numbers, of which one may well be half as large again as usual."""
 
-
-MOST_NAMED: Final = 4
 
 FEW: Final = "So few set-ups cannot show what comes from the machine and what from the set-up."
 

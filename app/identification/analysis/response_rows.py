@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from app.arrays import FloatArray, IntArray, to_significant
+from app.effects.campaign_view import KNOWN_SHARE
 from app.effects.conditions import Conditions, Signal
 from app.effects.observations import ObservationRows
 from app.effects.response_columns import (
@@ -36,9 +37,6 @@ from app.search.priors import MAPS_SHARE, SWING
 from app.search.response import Course, Fitted, Group, Response
 from app.thermal.prediction import predict_component
 from app.units import SECONDS_PER_MIN
-
-PRESENT_SHARE: Final = 0.95
-"""A signal takes part if it is known in so much of the rows."""
 
 SHORTEST_MIN: Final = 60.0
 """A set-up shows a course if it lasts so long [min]."""
@@ -421,14 +419,14 @@ def unrecorded_states(conditions: Conditions) -> list[str]:
     return [
         name
         for name, values in conditions.states.items()
-        if np.isfinite(values).mean() >= PRESENT_SHARE
+        if np.isfinite(values).mean() >= KNOWN_SHARE
         and not _is_recorded(Signal("state", name), QUICK_MIN, conditions)
     ]
 
 
 def _varies(values: FloatArray) -> bool:
     finite = values[np.isfinite(values)]
-    return bool(finite.size >= PRESENT_SHARE * values.size and np.ptp(finite) > 0.0)
+    return bool(finite.size >= KNOWN_SHARE * values.size and np.ptp(finite) > 0.0)
 
 
 def _late(signal: Signal, minutes: float, conditions: Conditions) -> FloatArray:
@@ -436,7 +434,7 @@ def _late(signal: Signal, minutes: float, conditions: Conditions) -> FloatArray:
 
 
 def _is_recorded(signal: Signal, minutes: float, conditions: Conditions) -> bool:
-    return bool(np.isfinite(_late(signal, minutes, conditions)).mean() >= PRESENT_SHARE)
+    return bool(np.isfinite(_late(signal, minutes, conditions)).mean() >= KNOWN_SHARE)
 
 
 def _references_c(columns: Sequence[Column], conditions: Conditions) -> tuple[float, ...]:

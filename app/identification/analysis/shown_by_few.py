@@ -13,6 +13,7 @@ from app.effects.effect import Effect
 from app.effects.kind import OverTime
 from app.effects.observations import POINT_CHANNELS
 from app.effects.registry import kind_of
+from app.effects.words import SURELY
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.finished_search import FinishedSearch
 from app.search.findings import FoundTerm
@@ -22,9 +23,6 @@ from app.units import SECONDS_PER_DAY, SECONDS_PER_H
 
 NOTICEABLE: Final = 0.05
 """Share of its largest size from which an effect shows in a visit."""
-
-ITSELF: Final = 3.0
-"""Standard errors by which observations must show something, or less than the whole of it."""
 
 APART: Final = 1e-9
 """Share of an effect's information below which nothing tells it from what was always there."""
@@ -191,4 +189,4 @@ def _is_shown(
     if information[0, 1] ** 2 >= (1.0 - APART) * information[0, 0] * information[1, 1]:
         return False
     share, error = float(covariance[0] @ product), float(np.sqrt(covariance[0, 0]))
-    return share > ITSELF * error and abs(share - 1.0) <= ITSELF * error
+    return share > SURELY * error and abs(share - 1.0) <= SURELY * error
