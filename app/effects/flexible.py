@@ -8,12 +8,11 @@ these versions explains anything; one that does says that the name stands for so
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Final, TypeAlias
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray
+from app.arrays import FloatArray
 from app.effects.conditions import Signal
 from app.effects.driver import Always
 from app.effects.projection import Projection, View
@@ -21,8 +20,8 @@ from app.effects.shape import Everywhere, OfPosition, Shape
 from app.effects.term import Term
 from app.search.candidate import OFFSET, Flexible
 
-Weight: TypeAlias = Callable[[Term, View], FloatArray]
-"""Gives for a term the factors, shape (m,), of the rows in which it shows."""
+Weights: TypeAlias = Callable[[Term, View], FloatArray]
+"""Gives for a term the factors, shape (m, w), of the rows in which it shows."""
 
 POWERS_ALONG: Final = 3
 """Powers of the position along the axis."""
@@ -65,12 +64,14 @@ def flexible_versions(
     every = [term for terms in amplitudes for term in terms]
     first = amplitudes[:1]
     by_change = {
-        "it varies differently along the axis": _columns(projection, first, _powers()),
+        "it varies differently along the axis": _columns(projection, first, _powers_along),
         "it depends differently on its driver": _columns(
-            projection, amplitudes, _of_driver(projection, every)
+            projection, amplitudes, _powers_of_driver(projection, every)
         ),
-        OVER_TIME: _columns(projection, amplitudes, _waves(projection)),
-        "its size changes from visit to visit": _columns(projection, first, _stretches(projection)),
+        OVER_TIME: _columns(projection, amplitudes, _of_rows(_waves(projection.rows.times_s))),
+        "its size changes from visit to visit": _columns(
+            projection, first, _of_rows(_stretches(projection))
+        ),
         "its components do not all show it alike": _columns(
             projection, amplitudes, _by_component(every)
         ),
@@ -92,54 +93,49 @@ def flexible_versions(
     return [
         Flexible(words, parts)
         for words, columns in versions
-        if columns.shape[1] and (parts := projection.parts_of(_lively(columns)))
+        # What shows nowhere is left out.
+        if columns.any() and (parts := projection.parts_of(columns[:, columns.any(axis=0)]))
     ]
 
 
 def _columns(
-    projection: Projection, amplitudes: Sequence[Sequence[Term]], weights: Sequence[Weight]
+    projection: Projection, amplitudes: Sequence[Sequence[Term]], weigh: Weights
 ) -> FloatArray:
     """Lay terms out over all rows, weighted in each way; shape (n, amplitudes · weights)."""
-    columns = np.zeros((len(projection.rows), len(amplitudes) * len(weights)))
-    for j, terms in enumerate(amplitudes):
+    by_amplitude = []
+    for terms in amplitudes:
+        columns = np.zeros((len(projection.rows), 0))
         for term in terms:
             view, errors = projection.errors(term)
-            for w, weight in enumerate(weights):
-                columns[view.rows, j * len(weights) + w] += errors * weight(term, view)
-    return np.nan_to_num(columns, nan=0.0)
+            weighted = errors[:, None] * weigh(term, view)
+            columns = columns if columns.size else np.zeros((len(columns), weighted.shape[1]))
+            columns[view.rows] += weighted
+        by_amplitude.append(columns)
+    return np.nan_to_num(np.hstack(by_amplitude), nan=0.0)
 
 
-def _lively(columns: FloatArray) -> FloatArray:
-    """Leave out what shows nowhere."""
-    return columns[:, columns.any(axis=0)]
+def _of_rows(weights: FloatArray) -> Weights:
+    """Weigh rows, shape (n, w), whatever the term."""
+    return lambda _, view: weights[view.rows]
 
 
-def _powers() -> list[Weight]:
-    return [partial(_power, m) for m in range(1, POWERS_ALONG + 1)]
-
-
-def _power(exponent: int, _: Term, view: View) -> FloatArray:
-    """Give a power of the position, scaled from −1 to 1 over where it was measured."""
+def _powers_along(_: Term, view: View) -> FloatArray:
+    """Powers of the position, scaled from −1 to 1 over where it was measured."""
     at = view.places.positions_mm
     low, high = np.nanmin(at, initial=np.inf), np.nanmax(at, initial=-np.inf)
-    if not high > low:
-        return np.zeros(at.shape)
-    power: FloatArray = ((2.0 * at - low - high) / (high - low)) ** exponent
-    return power
+    scaled = (2.0 * at - low - high) / (high - low) if high > low else np.zeros(at.shape)
+    return np.asarray(scaled[:, None] ** np.arange(1, POWERS_ALONG + 1))
 
 
-def _of_driver(projection: Projection, terms: Sequence[Term]) -> list[Weight]:
-    """Powers of the driver, of its largest size; none of one that never changes."""
-    if all(isinstance(term.driver, Always) for term in terms):
-        return []
+def _powers_of_driver(projection: Projection, terms: Sequence[Term]) -> Weights:
+    """Weigh with the driver over its largest size, and the square; none of one that never changes.
+
+    That is a constant, of which another size is no other version.
+    """
     values = [term.driver.at(projection.view(term.component).conditions) for term in terms]
     largest = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values) or 1.0
-    return [partial(_driver_power, largest, exponent) for exponent in (1, 2)]
-
-
-def _driver_power(largest: float, exponent: int, term: Term, view: View) -> FloatArray:
-    power: FloatArray = (term.driver.at(view.conditions) / largest) ** exponent
-    return power
+    powers = [] if all(isinstance(term.driver, Always) for term in terms) else [1.0, 2.0]
+    return lambda term, view: (term.driver.at(view.conditions) / largest)[:, None] ** powers
 
 
 def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray]:
@@ -158,7 +154,7 @@ def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray
     temperatures_c = conditions.temperature(sensor)
     known_c = temperatures_c[np.isfinite(temperatures_c)]
     range_k = float(np.ptp(known_c)) if known_c.size else 0.0
-    shapes = [np.ones(len(view.rows)), np.nan_to_num(_power(1, terms[0], view))]
+    shapes = [np.ones(len(view.rows)), np.nan_to_num(_powers_along(terms[0], view)[:, 0])]
     for share in HALF_WIDTHS if range_k > 0.0 else ():
         played_c = conditions.lags.played(
             Signal("temperature", sensor), share * range_k, conditions.times_s
@@ -175,39 +171,29 @@ def _plays(projection: Projection, terms: Sequence[Term]) -> Iterator[FloatArray
             yield columns
 
 
-def _waves(projection: Projection) -> list[Weight]:
-    times_s = projection.conditions.times_s
-    began_s, lasted_s = float(times_s.min()), float(np.ptp(times_s)) or 1.0
-    return [partial(_wave, began_s, lasted_s / k) for k in range(1, TIME_WAVES + 1)]
+def _waves(times_s: FloatArray) -> FloatArray:
+    """Cosines over the time of the campaign, shape (n, waves)."""
+    share = (times_s - times_s.min()) / (float(np.ptp(times_s)) or 1.0)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, TIME_WAVES + 1)))
 
 
-def _wave(began_s: float, half_period_s: float, _: Term, view: View) -> FloatArray:
-    wave: FloatArray = np.cos(np.pi * (view.conditions.times_s - began_s) / half_period_s)
-    return wave
+def _stretches(projection: Projection) -> FloatArray:
+    """Which rows are of each stretch: visits, or blocks of long ones, as many together as are due.
 
-
-def _stretches(projection: Projection) -> list[Weight]:
-    """One for each stretch of time: visits, or blocks of long ones, as many together as are due."""
+    Shape (n, stretches); none where there are too few.
+    """
     number = np.unique(projection.rows.block, return_inverse=True)[1]
     count = int(number.max(initial=-1)) + 1
     stretches = min(count, STRETCHES)
-    if stretches < FEWEST_STRETCHES:
-        return []
-    stretch = number * stretches // count
-    return [partial(_in_stretch, stretch == s) for s in range(stretches)]
+    each = np.arange(stretches if stretches >= FEWEST_STRETCHES else 0)
+    return (number[:, None] * stretches // count == each).astype(float)
 
 
-def _in_stretch(stretch: BoolArray, _: Term, view: View) -> FloatArray:
-    return stretch[view.rows].astype(float)
-
-
-def _by_component(terms: Sequence[Term]) -> list[Weight]:
-    codes = list(dict.fromkeys(term.component for term in terms))
-    return [partial(_of_component, code) for code in codes] if len(codes) > 1 else []
-
-
-def _of_component(code: str, term: Term, view: View) -> FloatArray:
-    return np.full(len(view.rows), float(term.component == code))
+def _by_component(terms: Sequence[Term]) -> Weights:
+    """Weigh each component by itself; none of one alone."""
+    codes = np.array(list(dict.fromkeys(term.component for term in terms)))
+    codes = codes if codes.size > 1 else codes[:0]
+    return lambda term, view: np.tile(codes == term.component, (len(view.rows), 1)).astype(float)
 
 
 def _offset(projection: Projection, terms: Sequence[Term]) -> FloatArray:
