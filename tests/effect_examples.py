@@ -6,6 +6,7 @@ from datetime import timedelta
 from itertools import pairwise
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from app.effects.driver import (
     AboveReference,
@@ -27,6 +28,17 @@ from app.services.change_model import changing_machine
 from tests.service_examples import ROOM, START, iso, reading
 
 HALF = Rising(250.0, 250.0)
+
+
+def as_stored(part):
+    """What a model version stores of a part of an effect."""
+    return TypeAdapter(type(part)).dump_python(part, mode="json", by_alias=True)
+
+
+def read_back(kind, written):
+    return TypeAdapter(kind).validate_python(written)
+
+
 LEARNT_FROM, LEARNT_TO = START - timedelta(days=30), START + timedelta(days=2)
 
 

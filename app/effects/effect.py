@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Final, TypeAlias
 
-from pydantic import PlainSerializer, PlainValidator, TypeAdapter, WithJsonSchema
+from pydantic import (
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
 
 from app.effects.driver import Driver, Quantity
-from app.effects.term import Term, term_from_json
-from app.effects.valid import LearntIn, Range, Valid, valid_from_json
+from app.effects.term import Term
+from app.effects.valid import LearntIn, Range, Valid
 from app.errors import InvalidContent, list_names
 
 LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
@@ -99,28 +105,11 @@ class Effect:
 
     def to_json(self) -> dict[str, Any]:
         """Write it down as a model version stores it."""
-        return {
-            "kind": self.kind,
-            "variant": self.variant,
-            "components": list(self.components),
-            "sensors": list(self.sensors),
-            "states": list(self.states),
-            "parameters": dict(self.parameters),
-            "standard_errors": dict(self.standard_errors),
-            "terms": [term.to_json() for term in self.terms],
-            "valid": None if self.valid is None else self.valid.to_json(),
-            "provenance": None if self.provenance is None else asdict(self.provenance),
-        }
+        written: dict[str, Any] = EFFECT.dump_python(self, mode="json", by_alias=True)
+        return written
 
 
-def _provenance(stored: Mapping[str, Any] | None) -> Provenance | None:
-    if not stored:
-        return None
-    return Provenance(
-        int(stored["found_by"]),
-        tuple(map(int, stored["refitted_by"])),
-        tuple(map(int, stored["verifications"])),
-    )
+EFFECT: Final = TypeAdapter(Effect)
 
 
 def _stored_or_effect(stored: Any) -> Effect:
@@ -171,23 +160,12 @@ def effect_from_json(stored: Mapping[str, Any]) -> Effect:
         If something is missing, or names what does not exist.
     """
     try:
-        return Effect(
-            kind=str(stored["kind"]),
-            variant=str(stored.get("variant", "")),
-            components=tuple(stored["components"]),
-            sensors=tuple(stored["sensors"]),
-            states=tuple(stored.get("states", ())),
-            parameters=dict(stored["parameters"]),
-            standard_errors=dict(stored["standard_errors"]),
-            terms=_terms(stored["terms"]),
-            valid=valid_from_json(stored["valid"]) if stored.get("valid") else None,
-            provenance=_provenance(stored.get("provenance")),
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        return EFFECT.validate_python(stored)
+    except (TypeError, ValidationError) as error:
+        wrong = str(error)
+        if isinstance(error, ValidationError):
+            first = error.errors()[0]
+            wrong = f"{'.'.join(map(str, first['loc']))} ({first['msg']})"
         raise InvalidContent.of_field(
-            "effects", f"expected a stored effect, got one that lacks or mistakes {error}"
+            "effects", f"expected a stored effect, got one that lacks or mistakes {wrong}"
         ) from None
-
-
-def _terms(stored: Sequence[Mapping[str, Any]]) -> tuple[Term, ...]:
-    return tuple(term_from_json(term) for term in stored)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, Final, TypeVar
+from functools import partial
+from typing import Annotated, Any, Final, TypeVar
 
 import numpy as np
+from pydantic import Field, PlainSerializer, PlainValidator
 
 from app.arrays import FloatArray
 from app.effects.conditions import Conditions, Signal
@@ -33,6 +35,39 @@ STORED_DRIVERS: Final[dict[str, type[Driver]]] = DRIVERS | {
 Part = TypeVar("Part", bound=Driver | Shape)
 
 
+def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any]) -> Part:
+    """Read a driver or a shape as `_written` wrote it."""
+    kind = kinds.get(stored.get("name", ""))
+    if kind is None:
+        raise InvalidContent.of_field(
+            "terms", f"expected a {what} among {list_names(kinds)}, got {stored.get('name')!r}"
+        )
+    arguments = {name: _tuples(value) for name, value in stored.items() if name != "name"}
+    expected = {field.name for field in fields(kind)}
+    if not set(arguments) <= expected:
+        raise InvalidContent.of_field(
+            "terms",
+            f"expected {kind.name} to have {list_names(sorted(expected))}, got "
+            f"{list_names(sorted(arguments))}",
+        )
+    return kind(**arguments)
+
+
+def _written(part: Driver | Shape) -> dict[str, Any]:
+    return {"name": part.name, **asdict(part)}
+
+
+def _tuples(value: Any) -> Any:
+    """Turn JSON's lists back into tuples, at any depth."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _component(code: str) -> str:
+    if code not in COMPONENTS:
+        raise InvalidContent.of_field("terms", f"expected an error component, got {code!r}")
+    return code
+
+
 @dataclass(frozen=True)
 class Term:
     """An additive error of one component.
@@ -50,11 +85,15 @@ class Term:
         made of no signal, and where it is not known.
     """
 
-    component: str
-    driver: Driver
-    shape: Shape = EVERYWHERE
+    component: Annotated[str, PlainValidator(_component)]
+    driver: Annotated[
+        Driver, PlainValidator(partial(_part, "driver", STORED_DRIVERS)), PlainSerializer(_written)
+    ]
+    shape: Annotated[
+        Shape, PlainValidator(partial(_part, "shape", SHAPES)), PlainSerializer(_written)
+    ] = EVERYWHERE
     coefficient: float = 1.0
-    is_reversing: bool = False
+    is_reversing: Annotated[bool, Field(alias="reversing")] = False
     learnt: Range | None = None
 
     def times(self, factor: float) -> Term:
@@ -135,17 +174,6 @@ class Term:
                 return conditions.why_missing(Signal("temperature", sensor))
         return why
 
-    def to_json(self) -> dict[str, Any]:
-        """Write it down as a model version stores it."""
-        return {
-            "component": self.component,
-            "coefficient": self.coefficient,
-            "reversing": self.is_reversing,
-            "learnt": None if self.learnt is None else list(self.learnt),
-            "driver": {"name": self.driver.name, **asdict(self.driver)},
-            "shape": {"name": self.shape.name, **asdict(self.shape)},
-        }
-
     def sensors_of_tables(self, model: CompiledModel) -> list[str]:
         """Name the sensors by which it reads the model's own tables."""
         located = model.find(self.component)
@@ -153,46 +181,3 @@ class Term:
             return []
         other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
         return [located[0].sensor, *other]
-
-
-def term_from_json(stored: Mapping[str, Any]) -> Term:
-    """Read a term as `Term.to_json` wrote it.
-
-    Raises
-    ------
-    InvalidContent
-        If it names something that does not exist.
-    """
-    code = stored["component"]
-    if code not in COMPONENTS:
-        raise InvalidContent.of_field("terms", f"expected an error component, got {code!r}")
-    return Term(
-        component=code,
-        driver=_part("driver", STORED_DRIVERS, stored["driver"]),
-        shape=_part("shape", SHAPES, stored["shape"]),
-        coefficient=float(stored["coefficient"]),
-        is_reversing=bool(stored["reversing"]),
-        learnt=_tuples(stored.get("learnt")),
-    )
-
-
-def _part(what: str, kinds: Mapping[str, type[Part]], stored: Mapping[str, Any]) -> Part:
-    kind = kinds.get(stored.get("name", ""))
-    if kind is None:
-        raise InvalidContent.of_field(
-            "terms", f"expected a {what} among {list_names(kinds)}, got {stored.get('name')!r}"
-        )
-    arguments = {name: _tuples(value) for name, value in stored.items() if name != "name"}
-    expected = {field.name for field in fields(kind)}
-    if not set(arguments) <= expected:
-        raise InvalidContent.of_field(
-            "terms",
-            f"expected {kind.name} to have {list_names(sorted(expected))}, got "
-            f"{list_names(sorted(arguments))}",
-        )
-    return kind(**arguments)
-
-
-def _tuples(value: Any) -> Any:
-    """Turn JSON's lists back into tuples, at any depth."""
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

@@ -10,10 +10,10 @@ from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Annotated, Any, Final, TypeAlias, cast
+from typing import Annotated, Final, TypeAlias, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PlainSerializer, PlainValidator
 
 from app.answer import Answer
 from app.answer import Range as AnsweredRange
@@ -33,6 +33,18 @@ less than any campaign tells. A temperature counts as outside from its sensor's 
 POSITION_MARGIN: Final = 0.05
 """A position counts as outside from this share of the learnt span on: who measures a travel stops
 short of its ends, and random positions never reach them."""
+
+
+def _iso(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).isoformat().replace("+00:00", "Z")
+
+
+def _seconds(stored: str) -> float:
+    return datetime.fromisoformat(stored).timestamp()
+
+
+Time: TypeAlias = Annotated[float, PlainValidator(_seconds), PlainSerializer(_iso, str)]
+"""Seconds since 1970, which are stored as a time of ISO 8601."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +70,13 @@ class Valid:
         its value of `to_s`.
     """
 
-    from_s: float
-    to_s: float
+    from_s: Annotated[Time, Field(alias="from")]
+    to_s: Annotated[Time, Field(alias="to")]
     temperatures_c: Mapping[str, Range] = field(default_factory=dict)
     state: Mapping[str, Range] = field(default_factory=dict)
     positions_mm: Mapping[str, Range] = field(default_factory=dict)
-    use_until_s: float | None = None
-    continued_until_s: float | None = None
+    use_until_s: Annotated[Time | None, Field(alias="use_until")] = None
+    continued_until_s: Annotated[Time | None, Field(alias="continued_until")] = None
 
     @property
     def grows_until_s(self) -> float:
@@ -112,20 +124,6 @@ class Valid:
             else datetime.fromtimestamp(self.use_until_s, UTC),
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Write it down as a model version stores it."""
-        return {
-            "from": _iso(self.from_s),
-            "to": _iso(self.to_s),
-            "temperatures_c": {name: list(learnt) for name, learnt in self.temperatures_c.items()},
-            "state": {name: list(learnt) for name, learnt in self.state.items()},
-            "positions_mm": {code: list(learnt) for code, learnt in self.positions_mm.items()},
-            "use_until": None if self.use_until_s is None else _iso(self.use_until_s),
-            "continued_until": None
-            if self.continued_until_s is None
-            else _iso(self.continued_until_s),
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class LearntIn(Answer, published_as="ValidAnswer"):
@@ -161,22 +159,6 @@ class LearntIn(Answer, published_as="ValidAnswer"):
     Null for other effects"""
 
 
-def valid_from_json(stored: Mapping[str, Any]) -> Valid:
-    """Read what `Valid.to_json` wrote; KeyError or ValueError where it did not."""
-    until = stored["use_until"]
-    # Older versions continued nothing.
-    continued = stored.get("continued_until")
-    return Valid(
-        _seconds(stored["from"]),
-        _seconds(stored["to"]),
-        _ranges(stored["temperatures_c"]),
-        _ranges(stored["state"]),
-        _ranges(stored["positions_mm"]),
-        None if until is None else _seconds(until),
-        None if continued is None else _seconds(continued),
-    )
-
-
 def widened(learnt: Range, share: float, least: float = 0.0) -> Range:
     """Widen a range by a share of its span, by no less than `least`.
 
@@ -200,15 +182,3 @@ def _clipped(
     clipped = {name: np.clip(values[name], *ranges[name]) for name in ranges if name in values}
     # A chain asks what is not clipped for nothing: a record may name thousands of states.
     return ChainMap(clipped, cast("dict[str, FloatArray]", values))
-
-
-def _ranges(stored: Mapping[str, Any]) -> dict[str, Range]:
-    return {name: (float(low), float(high)) for name, (low, high) in stored.items()}
-
-
-def _iso(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).isoformat().replace("+00:00", "Z")
-
-
-def _seconds(text: str) -> float:
-    return datetime.fromisoformat(text).timestamp()

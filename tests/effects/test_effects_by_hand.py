@@ -34,12 +34,13 @@ from app.effects.shape import (
     Sensitivity,
     Wave,
 )
-from app.effects.term import Term, term_from_json
+from app.effects.term import Term
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
 from app.thermal.compile_model import compile_model
 from app.thermal.error_map import ComponentTable
 from app.thermal.map_weights import maps_at, read_maps
+from tests.effect_examples import as_stored, read_back
 from tests.effects.example_campaign_view import START_S, example_view, machine, maps
 
 HALF = Rising(250.0, 250.0)
@@ -110,7 +111,7 @@ def test_a_late_structure_is_read_by_maps_that_it_was_late_in(share, total):
     term = Term("EXX", Behind("x-middle", 600.0), shape, share)
     here = moment(x_middle=26.0, lags=settled(signal, 600.0, 25.0))
     assert 6.0 + value(term, here) == pytest.approx(total)
-    assert term_from_json(json.loads(json.dumps(term.to_json()))) == term
+    assert read_back(Term, json.loads(json.dumps(as_stored(term)))) == term
 
 
 @pytest.mark.parametrize("late_k", [-3.999, -4.0, -4.001])
@@ -157,9 +158,9 @@ def test_what_expands_evenly_and_late_is_put_right_by_maps_that_were_measured_la
 
 def test_a_lag_that_was_stored_before_maps_were_late_reads_them_as_they_are():
     term = Term("EXX", Behind("x-middle", 600.0), Sensitivity(is_local=False), 0.7)
-    stored = term.to_json()
-    assert stored["shape"].pop("in_maps_k") == ()
-    assert term_from_json(stored) == term
+    written = as_stored(term)
+    assert written["shape"].pop("in_maps_k") == []
+    assert read_back(Term, written) == term
 
 
 def test_another_sensor_reads_the_same_maps():
@@ -276,11 +277,11 @@ def test_what_drives_late_is_what_the_sensors_were_late(driver, expected, quanti
     ],
 )
 def test_drivers_that_were_stored_before_any_could_be_late_act_at_once(driver):
-    stored = Term("EXX", driver).to_json()
-    del stored["driver"]["time_constant_s"]
-    assert term_from_json(stored).driver == driver
+    written = as_stored(Term("EXX", driver))
+    del written["driver"]["time_constant_s"]
+    assert read_back(Term, written).driver == driver
     late = Term("EXX", replace(driver, time_constant_s=600.0))
-    assert term_from_json(late.to_json()) == late
+    assert read_back(Term, as_stored(late)) == late
 
 
 def test_a_reversal_has_the_sign_of_the_approach():

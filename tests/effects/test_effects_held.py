@@ -31,12 +31,13 @@ from app.effects.low_pass import LagState
 from app.effects.projection import sum_of_terms
 from app.effects.shape import Everywhere, Exchange, Places, Rising, Sensitivity, Wave
 from app.effects.term import Term
-from app.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid, valid_from_json
+from app.effects.valid import DRIVER_MARGIN, POSITION_MARGIN, Valid
 from app.errors import OutsideMaps
 from app.thermal.compile_model import compile_model
 from app.thermal.machine import OutOfRange
 from app.thermal.sensor_health import Health, SensorState
 from app.units import SECONDS_PER_DAY
+from tests.effect_examples import as_stored, read_back
 from tests.effects.example_campaign_view import ASSIGNMENT, START_S, machine, maps
 from tests.effects.test_effects_all_kinds import EACH, MOVED, example, fitted, moment_of
 
@@ -513,10 +514,10 @@ def test_a_growth_that_was_foretold_goes_on_while_its_error_is_small(scatter, co
     assert pytest.approx(2.0 / 3.0) == AGAIN
     for until_s, days in ((limited.continued_until_s, continued), (limited.use_until_s, until)):
         assert (until_s - ends.to_s) / SECONDS_PER_DAY == pytest.approx(days)
-    stored = valid_from_json(limited.to_json())
-    assert stored.continued_until_s == pytest.approx(limited.continued_until_s, abs=1e-3)
-    older = {k: v for k, v in limited.to_json().items() if k != "continued_until"}
-    assert valid_from_json(older).grows_until_s == ends.to_s
+    again = read_back(Valid, as_stored(limited))
+    assert again.continued_until_s == pytest.approx(limited.continued_until_s, abs=1e-3)
+    older = {k: v for k, v in as_stored(limited).items() if k != "continued_until"}
+    assert read_back(Valid, older).grows_until_s == ends.to_s
 
 
 def test_a_drift_that_goes_on_does_so_for_its_time_and_no_longer():

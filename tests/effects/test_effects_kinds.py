@@ -14,9 +14,10 @@ from app.effects.kinds.periodic import aliases, common_step, why_no_pitch
 from app.effects.kinds.state_variable import StateVariable
 from app.effects.observations import Observation, Verification
 from app.effects.registry import KINDS, do_the_same, kind_of, repertoire
-from app.effects.term import term_from_json
+from app.effects.term import Term
 from app.errors import InvalidContent
 from app.search.rows import Datum
+from tests.effect_examples import read_back
 from tests.effects.example_campaign_view import START_S, example_view, observations
 
 
@@ -348,14 +349,15 @@ def test_unknown_kinds_and_parts_are_refused():
     with pytest.raises(InvalidContent, match="thermal-lag"):
         kind_of("hysteresis")
     with pytest.raises(InvalidContent, match="expected a driver among always"):
-        term_from_json(
+        read_back(
+            Term,
             {
                 "component": "EXX",
                 "coefficient": 1.0,
                 "reversing": False,
                 "driver": {"name": "moon"},
                 "shape": {"name": "everywhere"},
-            }
+            },
         )
 
 
