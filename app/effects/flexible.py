@@ -186,7 +186,7 @@ def _stretches(projection: Projection) -> FloatArray:
     count = int(number.max(initial=-1)) + 1
     stretches = min(count, STRETCHES)
     each = np.arange(stretches if stretches >= FEWEST_STRETCHES else 0)
-    return (number[:, None] * stretches // count == each).astype(float)
+    return np.asarray(number[:, None] * stretches // count == each, dtype=float)
 
 
 def _by_component(terms: Sequence[Term]) -> Weights:

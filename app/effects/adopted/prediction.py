@@ -82,7 +82,7 @@ def predict_with_effects(
         As `predict_component` and `predict_points`.
     """
     read_by = set_faulty_aside(model, effects, conditions).conditions
-    maps = _of_maps(model, effects, places, read_by)
+    maps = predict_maps(model, effects, places, read_by)
     if not effects:
         return PredictedWithEffects(maps.values, maps.status, (), maps.beyond)
     columns = 1 if maps.values.ndim == 1 else maps.values.shape[1]
@@ -111,10 +111,10 @@ def _gravest(maps: Sequence[str], effects: Sequence[str]) -> list[str]:
     ]
 
 
-def _of_maps(
+def predict_maps(
     model: CompiledModel, effects: Sequence[Effect], places: AskedPlaces, conditions: Conditions
 ) -> Predicted:
-    """Predict what the maps say alone."""
+    """Predict what the maps say alone: nothing of a component that adopted effects alone have."""
     temperatures_c = conditions.temperatures_c
     if places.component is None:
         return predict_points(

@@ -17,14 +17,19 @@ import numpy as np
 
 from app.arrays import FloatArray
 from app.effects.claim import Named
-from app.effects.observations import Verification, observation_rows
+from app.effects.observations import observation_rows
 from app.effects.registry import do_the_same
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.advice import from_rival, separating_step
 from app.identification.analysis.analysis import UnexplainedPart
 from app.identification.analysis.found_effect import Alternative, FoundEffect
 from app.identification.campaign import Campaign
-from app.identification.plan.added_visits import MOST_MOMENTS, choose_added_visits, conditions_at
+from app.identification.plan.added_visits import (
+    choose_added_visits,
+    conditions_at,
+    largest_visit,
+    moments,
+)
 from app.identification.plan.described_visit import EVERY_S, MOST_PLACES, sentence_of, visit_at
 from app.identification.plan.machine_state import (
     COLD,
@@ -47,6 +52,10 @@ visits at most."""
 IN_COMMON: Final = 0.3
 """Drivers had a common course in the visits where no more than so much of one's standard deviation
 is left beside the other."""
+
+STEP_S: Final = SECONDS_PER_H / 2.0
+LASTS_S: Final = MOST_PLACES * EVERY_S
+"""Moments of the record that are looked at, and how long a visit lasts [s]."""
 
 _ORDER: Final = ("cold", "while-warming", "part-warm", "warm", "while-cooling")
 """Of a working day."""
@@ -222,7 +231,7 @@ def _apart(
     ranges: Mapping[str, SensorRange],
 ) -> NextVisit | str | None:
     """Look for the moment at which two drivers leave the course that they had in the visits."""
-    begins_s, moments_s = _moments(campaign)
+    begins_s, moments_s = moments(campaign, STEP_S, LASTS_S)
     if not moments_s.size:
         return None
     there = conditions_at(campaign, np.concatenate([begins_s, moments_s]))
@@ -309,21 +318,12 @@ def _off_course(
     return left[visits:], float(np.abs(there).max()), is_together, slope
 
 
-def _moments(campaign: Campaign) -> tuple[FloatArray, FloatArray]:
-    """Give the times at which visits began, and moments of the record at which one could [s]."""
-    rows = observation_rows(campaign.verifications)
-    begins_s = np.array([rows.times_s[rows.visit == v].min() for v in np.unique(rows.visit)])
-    first_s, last_s = campaign.readings.times_s[[0, -1]]
-    step_s = max(SECONDS_PER_H / 2.0, (last_s - first_s) / MOST_MOMENTS)
-    return begins_s, np.arange(first_s, last_s - MOST_PLACES * EVERY_S, step_s)
-
-
 def _while_changing(
     campaign: Campaign, question: _Question, ranges: Mapping[str, SensorRange]
 ) -> NextVisit | None:
     """Take the moment from which the driver changes most within an hour."""
     driver = next((n for n in question.follows if n in ranges and ranges[n].can_be_set), None)
-    _, moments_s = _moments(campaign)
+    _, moments_s = moments(campaign, STEP_S, LASTS_S)
     if driver is None or not moments_s.size:
         return _unlike(campaign, question, ranges)
     one = ranges[driver]
@@ -353,19 +353,7 @@ def _unlike(
 def _visit(
     campaign: Campaign, question: _Question, time_s: float, state: MachineState
 ) -> NextVisit:
-    largest = _largest_visit(campaign)
+    largest = largest_visit(campaign)
     named = dict.fromkeys(o.component or "points" for o in largest.observations)
     own = [name for name in question.components if name in named]
     return visit_at(campaign, largest, time_s, state, own or list(named), question.decides)
-
-
-def _largest_visit(campaign: Campaign) -> Verification:
-    """Take the visit with most observations, in their order.
-
-    What measured that visit measures the next one: its zero and its repeatability are the same.
-    """
-    rows = observation_rows(campaign.verifications)
-    largest = rows.visit == int(np.argmax(np.bincount(rows.visit)))
-    source = campaign.verifications[int(rows.verification[largest][0])]
-    numbers = dict.fromkeys(rows.observation[largest].tolist())
-    return replace(source, observations=[source.observations[i] for i in numbers])

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.arrays import BoolArray, FloatArray, IntArray
+from app.arrays import BoolArray, FloatArray
 from app.effects.conditions import Conditions, recorded_conditions
 from app.effects.observations import Verification, observation_rows
 from app.identification.campaign import Campaign
@@ -45,13 +45,10 @@ def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
     list of AddedVisit
         Each repeats the planned visit that has most observations.
     """
-    rows = observation_rows(campaign.verifications)
-    visits = np.unique(rows.visit)
-    begins_s = np.array([rows.times_s[rows.visit == v].min() for v in visits])
-    template, lasts_s = _template(campaign, rows.visit, rows.verification, rows.times_s)
-    first_s, last_s = campaign.readings.times_s[[0, -1]]
-    step_s = max(SECONDS_PER_H, (last_s - first_s) / MOST_MOMENTS)
-    moments_s = np.arange(first_s + SECONDS_PER_H, last_s - lasts_s, step_s)
+    template = largest_visit(campaign)
+    times_s = [o.time_s for o in template.observations]
+    lasts_s = max(times_s) - min(times_s)
+    begins_s, moments_s = moments(campaign, SECONDS_PER_H, lasts_s, after_s=SECONDS_PER_H)
     if not moments_s.size:
         return []
     there = conditions_at(campaign, np.concatenate([begins_s, moments_s]))
@@ -61,23 +58,35 @@ def choose_added_visits(campaign: Campaign) -> list[AddedVisit]:
     return [_added(template, there, names, features, row, i) for i, row in enumerate(chosen)]
 
 
-def _template(
-    campaign: Campaign,
-    visit: IntArray,
-    verification: IntArray,
-    times_s: FloatArray,
-) -> tuple[Verification, float]:
-    """Take the visit with most observations out of its verification, and say how long it lasts."""
-    largest = int(np.argmax(np.bincount(visit)))
-    of_visit = visit == largest
-    source = campaign.verifications[int(verification[of_visit][0])]
-    begin_s, end_s = float(times_s[of_visit].min()), float(times_s[of_visit].max())
-    observations = [
-        replace(o, time_s=o.time_s - begin_s, state={})
-        for o in source.observations
-        if begin_s <= o.time_s <= end_s
-    ]
-    return replace(source, observations=observations, is_planned=True), end_s - begin_s
+def largest_visit(campaign: Campaign) -> Verification:
+    """Take the visit with most observations, in their order.
+
+    What measured that visit measures the next one: its zero and its repeatability are the same.
+    """
+    rows = observation_rows(campaign.verifications)
+    largest = rows.visit == int(np.argmax(np.bincount(rows.visit)))
+    source = campaign.verifications[int(rows.verification[largest][0])]
+    numbers = dict.fromkeys(rows.observation[largest].tolist())
+    return replace(source, observations=[source.observations[i] for i in numbers])
+
+
+def moments(
+    campaign: Campaign, step_s: float, lasts_s: float, *, after_s: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Give the times at which visits began, and moments of the record at which one could [s].
+
+    Parameters
+    ----------
+    step_s
+        From one moment to the next, at least [s].
+    lasts_s, after_s
+        How long the visit lasts, and how long after the record's beginning it may begin [s].
+    """
+    rows = observation_rows(campaign.verifications)
+    begins_s = np.array([rows.times_s[rows.visit == v].min() for v in np.unique(rows.visit)])
+    first_s, last_s = campaign.readings.times_s[[0, -1]]
+    step_s = max(step_s, (last_s - first_s) / MOST_MOMENTS)
+    return begins_s, np.arange(first_s + after_s, last_s - lasts_s, step_s)
 
 
 def conditions_at(campaign: Campaign, times_s: FloatArray) -> Conditions:
@@ -132,8 +141,10 @@ def _added(
     number: int,
 ) -> AddedVisit:
     time_s = float(there.times_s[row])
-    moved = [replace(o, time_s=o.time_s + time_s) for o in template.observations]
-    visit = replace(template, label=f"added visit {number + 1}", observations=moved)
+    by_s = time_s - min(o.time_s for o in template.observations)
+    moved = [replace(o, time_s=o.time_s + by_s, state={}) for o in template.observations]
+    label = f"added visit {number + 1}"
+    visit = replace(template, label=label, observations=moved, is_planned=True)
     order = np.argsort(-np.abs(features[row]))
     leading = [names[i] for i in order if abs(features[row, i]) > STANDS_OUT]
     return AddedVisit(visit, time_s, leading or [names[i] for i in order[:1]])

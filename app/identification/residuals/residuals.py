@@ -14,11 +14,11 @@ from app.answer import Answer
 from app.arrays import BoolArray, FloatArray, IntArray, rms
 from app.effects.adopted.contributions import contributions
 from app.effects.adopted.faulty_sensors import set_faulty_aside
-from app.effects.adopted.held import EFFECTS_ONLY
+from app.effects.adopted.prediction import AskedPlaces, predict_maps
 from app.effects.conditions import Conditions
 from app.effects.effect import Effect, acting_on
 from app.effects.observations import POINT_CHANNELS, ObservationRows, repeated_rows
-from app.effects.projection import Projection, missing_at_points, places_of
+from app.effects.projection import Projection, missing_at_points
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
 from app.identification.residuals.frozen_observations import FROZEN, frozen_rows
@@ -29,11 +29,7 @@ from app.thermal.compiled_model import CompiledModel
 from app.thermal.group import Group
 from app.thermal.machine import Machine
 from app.thermal.map_weights import NO_READING, OUTSIDE_MAPS
-from app.thermal.prediction import (
-    Predicted,
-    predict_component,
-    predict_points,
-)
+from app.thermal.prediction import Predicted
 from app.thermal.sensor_health import believed, without_stuck
 from app.thermal.temperature_history import TemperatureHistory
 from app.units import SECONDS_PER_MIN, UM_PER_MM, Unit
@@ -231,32 +227,23 @@ def _predict(
     conditions: Conditions,
     effects: Sequence[Effect],
 ) -> Predicted:
-    """Predict what the maps say alone: nothing of a component that adopted effects alone have."""
+    """Predict what the maps say alone of each row (`predict_maps`)."""
     values = np.full(len(rows), np.nan)
     status = np.full(len(rows), "not in the model", dtype=object)
-    have = {code for group in model.groups for code in group.codes}
-    acting = acting_on(effects)
+    have = {code for group in model.groups for code in group.codes} | acting_on(effects)
     for channel in rows.channels:
-        chosen = rows.of_channel(channel)
-        here = {name: t[chosen] for name, t in conditions.temperatures_c.items()}
-        if channel in POINT_CHANNELS:
-            prediction = predict_points(
-                model,
-                here,
-                rows.points_mm[chosen],
-                rows.tool_offsets_mm[chosen],
-                rows.directions[chosen],
-            )
-            values[chosen] = prediction.values[:, POINT_CHANNELS.index(channel)]
-        elif channel in have:
-            places = places_of(channel, rows.points_mm[chosen], rows.directions[chosen])
-            prediction = predict_component(model, channel, here, *places)
-            values[chosen] = prediction.values
-        elif channel in acting:
-            prediction = Predicted(np.zeros(len(chosen)), [EFFECTS_ONLY] * len(chosen))
-            values[chosen] = prediction.values
-        else:
+        component = None if channel in POINT_CHANNELS else channel
+        if component is not None and component not in have:
             continue
+        chosen = rows.of_channel(channel)
+        where = (rows.points_mm, rows.tool_offsets_mm, rows.directions)
+        places = AskedPlaces(component, *(part[chosen] for part in where))
+        prediction = predict_maps(model, effects, places, conditions.take(chosen))
+        values[chosen] = (
+            prediction.values
+            if component is not None
+            else prediction.values[:, POINT_CHANNELS.index(channel)]
+        )
         status[chosen] = [str(s) for s in prediction.status]
     return Predicted(values, status.tolist())
 

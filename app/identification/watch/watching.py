@@ -384,7 +384,7 @@ def watch(
     InvalidContent
         If nothing can be compared with the model, or values are in another unit.
     """
-    sheet = _Sheet.of(campaign)
+    sheet = _Sheet.make(campaign)
     rows, times_s = sheet.rows, sheet.residuals.rows.times_s
     judged, farthest, lone = False, None, list[LoneValue]()
     visits, checks = np.unique(rows.visit).tolist(), dict(state.checks)
@@ -420,7 +420,7 @@ class _Sheet:
     entries: Mapping[int, ChannelEntries]
 
     @classmethod
-    def of(cls, campaign: Campaign) -> _Sheet:
+    def make(cls, campaign: Campaign) -> _Sheet:
         residuals = residuals_of(campaign)
         entries = channel_entries(residuals.projection, campaign.maps)
         return cls(
@@ -428,6 +428,16 @@ class _Sheet:
             residuals.as_rows(),
             _along_travels(residuals),
             {entry.channel: entry for entry in entries},
+        )
+
+    def of(self, visit: int, channel: int) -> tuple[IntArray, float | None, bool]:
+        """Give a channel's rows in a visit, what is stated of it, and if its zero is unknown."""
+        rows = self.rows
+        declared, datum = rows.noise.get(channel), rows.datum.get((visit, channel))
+        return (
+            np.flatnonzero((rows.visit == visit) & (rows.channel == channel)),
+            declared.repeatability if declared else None,
+            datum not in (None, Datum.ABSOLUTE),
         )
 
     def maps(self, channel: int, rows: IntArray) -> SparseArray:
@@ -471,9 +481,7 @@ def _after_channel(
     for all visits after it.
     """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
-    rows_of_channel = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
-    declared = rows.noise.get(channel)
-    repeatability = declared.repeatability if declared else None
+    rows_of_channel, repeatability, is_zeroed = sheet.of(visit, channel)
     fit = _Fit.of(rows.values[rows_of_channel], sheet.tilt[rows_of_channel])
     lone = lone_values(rows_of_channel.tolist(), fit.residuals, repeatability)
     if lone:
@@ -485,7 +493,6 @@ def _after_channel(
     variance = noise.variance(repeatability)
     if variance is None:
         return state, [], lone
-    is_zeroed = rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE
     streams, taken = dict(state.streams), []
     for number in fit.numbers(variance, maps, is_zeroed):
         key = f"{name}{KEY}{number.what}"
@@ -504,12 +511,10 @@ def _check_figures(
     values are counted, and so is what neither a level nor a slope describes, as a reversal.
     """
     rows, name = sheet.rows, sheet.residuals.rows.channels[channel]
-    rows_of_channel = np.flatnonzero((rows.visit == visit) & (rows.channel == channel))
+    rows_of_channel, repeatability, is_zeroed = sheet.of(visit, channel)
     values, freedom = rows.values[rows_of_channel], len(rows_of_channel)
-    if rows.datum.get((visit, channel), Datum.ABSOLUTE) is not Datum.ABSOLUTE:
+    if is_zeroed:
         values, freedom = values - values.mean(), freedom - 1
-    declared = rows.noise.get(channel)
-    repeatability = declared.repeatability if declared else None
     variance = state.noise[name].variance(None) if repeatability is None else repeatability**2
     if variance is None or not freedom:
         return None
