@@ -76,7 +76,7 @@ def test_where_the_assignment_is_right_none_is_proposed(planted):
     assert proposals(campaign_of(planted)) == {}
 
 
-@pytest.mark.parametrize("how", [{"visits": 6}, {"datum": "free", "visits": 3}])
+@pytest.mark.parametrize("how", [{"visits": 6}, {"datum": "free", "visits": 5}])
 def test_few_set_ups_propose_nothing(how):
     answer = analyse(assigned(campaign_of(**how), EXX="bed"), kinds=KINDS)
     assert answer.assignments == ()
