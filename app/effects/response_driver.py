@@ -60,15 +60,13 @@ class Expected(NamedTuple):
     """What a response says at n moments, shape (n,) each.
 
     `mean` is what was learnt, `learnt` and `wander` the standard deviations of that and of what
-    no driver explains, `corrected` what is corrected of it, `is_held` says where a column lies at
-    the edge of where it was learnt.
+    no driver explains, `corrected` what is corrected of it.
     """
 
     mean: FloatArray
     learnt: FloatArray
     wander: FloatArray
     corrected: FloatArray
-    is_held: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +127,7 @@ class Reach:
         sd = np.sqrt(learnt.learnt**2 + wander**2)
         corrected = least_harm(maps + learnt.mean, sd, *instead) - maps
         corrected[np.isnan(learnt.mean)] = np.nan
-        is_held = np.any(columns.values != values, axis=1) & np.isfinite(columns.age_s)
-        return Expected(learnt.mean, learnt.learnt, wander, corrected, is_held)
+        return Expected(learnt.mean, learnt.learnt, wander, corrected)
 
     @cached_property
     def edges(self) -> tuple[FloatArray, FloatArray]:
