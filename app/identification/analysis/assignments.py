@@ -89,7 +89,9 @@ def said_first(answer: Analysis, machine_id: str) -> Analysis:
 def _is_whole(effect: FoundEffect) -> bool:
     """Whether the share is 1, as far as its error and those of the maps' slopes can tell."""
     share, error = effect.parameters["share"], effect.standard_errors.get("share", 0.0)
-    return abs(share - 1.0) <= TWO_ERRORS * hypot(error, WHOLE.spread)
+    is_one = abs(share - 1.0) <= TWO_ERRORS * hypot(error, WHOLE.spread)
+    # Of a share s all of it leaves (s − 1)² of what was s²: more, where s is below a half.
+    return is_one and share - TWO_ERRORS * error > 0.5
 
 
 def _of_component(
