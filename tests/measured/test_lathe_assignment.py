@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from app.identification.analysis.assignments import judge_assignments
-from app.identification.campaign import residuals_of
+from app.identification.analysis.analyse import analyse
 from app.thermal.compile_model import compile_model
 from examples.measured.data_folder import data_folder
 from examples.measured.lathe import make_lathe
 from examples.measured.lathe_public import unseen_dates
-from examples.measured.lathe_runs import FAILED, FOLDER, read_runs
+from examples.measured.lathe_runs import FOLDER, read_runs
 
 pytestmark = [
     pytest.mark.slow,
@@ -36,28 +35,12 @@ def assigned(lathe, **sensors):
     return replace(lathe, model=compile_model(lathe.model.machine, lathe.maps, wanted))
 
 
-def judged(lathe):
-    """What the runs say that are not left unseen."""
+@pytest.mark.parametrize("wrong", [{}, {"EXX": "TC07"}])
+def test_no_sensor_is_proposed_where_several_move_a_component(lathe, wrong):
+    """Of 23 that are alike many are found to move X and Z, none of them alone and as a whole."""
     unseen = unseen_dates(lathe, "20200616")
-    campaign = lathe.campaign([date for date in lathe.dates if date not in unseen])
-    found = judge_assignments(campaign, residuals_of(campaign))
-    return {one.component: one for one in found}
-
-
-def test_the_sensors_that_maps_correlate_with_stay(lathe):
-    """No other of 23 leaves less of X or of Z by more than a tenth."""
-    for one in judged(lathe).values():
-        assert one.proposed_sensor is None
-        assert "not markedly less" in one.why_not
-        assert one.setups == 18
-        # It has left its neighbours: nothing may follow it.
-        assert FAILED not in (one.other_sensor, *one.as_good)
-
-
-@pytest.mark.parametrize("sensor", ["Spindle Motor", "TC07"])
-def test_where_a_lag_explains_as_much_no_sensor_is_proposed(lathe, sensor):
-    """Both answer the room before X does: PT11 leaves less, and so do they themselves, late."""
-    one = judged(assigned(lathe, EXX=sensor))["EXX"]
-    assert (one.other_sensor, one.proposed_sensor) == ("PT11", None)
-    assert one.before_rms - one.after_rms > 2.0
-    assert f"thermal-lag of EXX driven by {sensor} explains as much" in one.why_not
+    machine = assigned(lathe, **wrong)
+    campaign = machine.campaign([date for date in lathe.dates if date not in unseen])
+    answer = analyse(campaign, kinds=["other-sensor", "thermal-lag"])
+    assert answer.proposals == ()
+    assert "other-sensor" in {effect.kind for effect in answer.effects}
