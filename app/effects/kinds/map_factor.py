@@ -66,7 +66,17 @@ class MapFactor(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposed:
         """Every component in all maps and in each; all of each map; everything."""
-        return (_hypothesis(view, codes, label) for codes, label in _tables(view))
+        for codes, label in _tables(view):
+            yield Hypothesis(
+                kind=self.kind,
+                variant=label,
+                components=codes,
+                amplitudes=(Amplitude(MULTIPLY),),
+                supposed=partial(_supposed, codes, label),
+                expected=_expected(view, codes, label),
+                report=_reported,
+                within_visit=any(COMPONENTS[code].is_table for code in codes),
+            )
 
     def explain(self, effect: Effect) -> str:
         """Say which tables are wrong, and how."""
@@ -179,19 +189,6 @@ def _square_over_error(error_map: ErrorMap, table: ComponentTable) -> float:
     unstated = max(error_map.repeatability_um or 0.0, UNSTATED_MAP_ERROR)
     error = unstated if table.standard_errors is None else table.standard_errors
     return float(np.mean((table.errors / np.maximum(error, np.finfo(float).tiny)) ** 2))
-
-
-def _hypothesis(view: CampaignView, codes: tuple[str, ...], label: str) -> Hypothesis:
-    return Hypothesis(
-        kind=MapFactor.kind,
-        variant=label,
-        components=codes,
-        amplitudes=(Amplitude(MULTIPLY),),
-        supposed=partial(_supposed, codes, label),
-        expected=_expected(view, codes, label),
-        report=_reported,
-        within_visit=any(COMPONENTS[code].is_table for code in codes),
-    )
 
 
 def _supposed(

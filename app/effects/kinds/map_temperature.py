@@ -44,7 +44,18 @@ class MapTemperature(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposed:
         """Every map of every sensor that components follow."""
-        return (_hypothesis(*noted) for noted in _noted(view))
+        for sensor, label, codes, stated_c in _noted(view):
+            grid = _grid_k(stated_c, label)
+            yield Hypothesis(
+                kind=self.kind,
+                variant=label,
+                components=codes,
+                sensors=(sensor,),
+                unit_terms=partial(_terms, sensor, label, codes, stated_c),
+                nonlinear=Nonlinear(OFF, 1.0, grid, (grid[0], grid[-1]), log_scale=False),
+                expected=WHOLE,
+                report=partial(_reported, stated_c[label]),
+            )
 
     def explain(self, effect: Effect) -> str:
         """Say what was noted, and what the data say."""
@@ -88,22 +99,6 @@ def _noted(view: CampaignView) -> Iterator[tuple[str, str, tuple[str, ...], dict
             affected = tuple(code for codes_ in having.values() for code in codes_)
             stated_c = {name: t for scale in having for name, t in scale}
             yield sensor, label, affected, stated_c
-
-
-def _hypothesis(
-    sensor: str, label: str, codes: tuple[str, ...], stated_c: dict[str, float]
-) -> Hypothesis:
-    grid = _grid_k(stated_c, label)
-    return Hypothesis(
-        kind=MapTemperature.kind,
-        variant=label,
-        components=codes,
-        sensors=(sensor,),
-        unit_terms=partial(_terms, sensor, label, codes, stated_c),
-        nonlinear=Nonlinear(OFF, 1.0, grid, (grid[0], grid[-1]), log_scale=False),
-        expected=WHOLE,
-        report=partial(_reported, stated_c[label]),
-    )
 
 
 def _grid_k(stated_c: dict[str, float], label: str) -> tuple[float, ...]:

@@ -52,7 +52,15 @@ class MirroredAxis(EffectKind):
 
     def propose(self, view: CampaignView) -> Proposed:
         """Every axis whose positions vary."""
-        return (_hypothesis(*mirror) for mirror in _mirrors(view))
+        for variant, codes, mirror in _mirrors(view):
+            yield Hypothesis(
+                kind=self.kind,
+                variant=variant,
+                components=codes,
+                supposed=partial(_supposed, mirror),
+                expected=WHOLE,
+                within_visit=True,
+            )
 
     def explain(self, effect: Effect) -> str:
         """Say what was mirrored."""
@@ -91,17 +99,6 @@ def _mirrors(view: CampaignView) -> Iterator[tuple[str, tuple[str, ...], _Mirror
             yield POINTS, codes, mirror(rows.at_points)
         if len(lines) + rows.has_points > 1:
             yield ALL, codes, mirror(rows.at_points | np.isin(names, lines))
-
-
-def _hypothesis(variant: str, codes: tuple[str, ...], mirror: _Mirror) -> Hypothesis:
-    return Hypothesis(
-        kind=MirroredAxis.kind,
-        variant=variant,
-        components=codes,
-        supposed=partial(_supposed, mirror),
-        expected=WHOLE,
-        within_visit=True,
-    )
 
 
 def _supposed(mirror: _Mirror, projection: Projection, theta: float | None) -> FloatArray:

@@ -53,7 +53,13 @@ class ThermalLag(EffectKind):
                 yield self.refuse(sensor, f"{sensor} did not change")
             elif grid := view.time_constants_s(signal):
                 for group in together_and_each(codes):
-                    yield _hypothesis(view, sensor, group, grid)
+                    yield Hypothesis(
+                        kind=self.kind,
+                        components=group,
+                        sensors=(sensor,),
+                        unit_terms=partial(_terms, view, sensor, group),
+                        nonlinear=Nonlinear.time_constant(grid),
+                    )
             else:
                 yield self.refuse(sensor, view.why_no_lag(signal))
 
@@ -80,18 +86,6 @@ class ThermalLag(EffectKind):
             f"with a share of {share:.2g}, more than 1, {list_names(effect.components, 3)} would "
             f"move backwards at first whenever {effect.sensors[0]} changes"
         )
-
-
-def _hypothesis(
-    view: CampaignView, sensor: str, codes: tuple[str, ...], grid: tuple[float, ...]
-) -> Hypothesis:
-    return Hypothesis(
-        kind=ThermalLag.kind,
-        components=codes,
-        sensors=(sensor,),
-        unit_terms=partial(_terms, view, sensor, codes),
-        nonlinear=Nonlinear.time_constant(grid),
-    )
 
 
 def _terms(

@@ -56,7 +56,14 @@ class ToolLength(EffectKind):
         if not codes:
             yield self.refuse("tools", "no map has an angular error")
         for name, rows in _tools(view) if codes else ():
-            yield _hypothesis(name, rows, codes)
+            yield Hypothesis(
+                kind=self.kind,
+                variant=name,
+                components=codes,
+                amplitudes=(Amplitude(LONGER_BY),),
+                supposed=partial(_supposed, rows),
+                within_visit=True,
+            )
 
     def explain(self, effect: Effect) -> str:
         """Say which tool is how much longer or shorter."""
@@ -87,17 +94,6 @@ def _tools(view: CampaignView) -> Iterator[tuple[str, BoolArray]]:
     each = distinct_mm[np.argsort(-counts, kind="stable")][:MOST_TOOLS]
     for length_mm in each if distinct_mm.size > 1 else ():
         yield f"{length_mm:g} mm", lengths_mm == length_mm
-
-
-def _hypothesis(name: str, rows: BoolArray, codes: tuple[str, ...]) -> Hypothesis:
-    return Hypothesis(
-        kind=ToolLength.kind,
-        variant=name,
-        components=codes,
-        amplitudes=(Amplitude(LONGER_BY),),
-        supposed=partial(_supposed, rows),
-        within_visit=True,
-    )
 
 
 def _supposed(longer: BoolArray, projection: Projection, theta: float | None) -> FloatArray:
