@@ -67,8 +67,8 @@ NAMES: Final = re.compile(
     "around|assigned|backward_field|cold|drivers|drifting|field|files?|first|have|having|headings?"
     "|held_at|instead|key|labels?|lacking|lost|lower|lower_map|machine(?:s|_id)?|minus|missing"
     "|mixed|names?|nearest|on|other|other_sensor|parent|pattern|present|present_sensor"
-    "|receiver|rival|second|sensors?|setup|spare|stand_in|states?|stay|steady|still_used|subjects"
-    "|tied|twice|unassigned|unknown|unmeasured|upper|upper_map|variant|warm|who|worst_setup"
+    "|receiver|rival|second|sensors?|setup|spare|stand_in|states?|steady|still_used|subjects"
+    "|tied|twice|unassigned|unknown|unmeasured|upper|upper_map|variant|warm|who"
 )
 """Places that hold what users name: anything may stand in them that has no end of a sentence."""
 
