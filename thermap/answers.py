@@ -2434,23 +2434,8 @@ class AccuracyAnswer(AnswerHead):
     """Multiple factors M1 = ELSv/ELv, M2 = ELSv/Ed, M3 = ELSv/ESd; null where a measure is 0"""
 
 
-class AdoptedEffectAnswer(Shape):
+class AdoptedEffectAnswer(AnsweredClaim):
     """An effect that the version has adopted."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
 
     parameters: dict[str, float]
     """Parameters; their names say the unit"""
@@ -3476,23 +3461,8 @@ class RotaryErrorAnswer(AnswerHead):
     """
 
 
-class SharedEffect(Shape):
+class SharedEffect(AnsweredClaim):
     """An effect, the machines on which it was found, and how it did on their sisters."""
-
-    kind: str
-    """Kind of effect"""
-
-    variant: str
-    """Which form of the kind; empty where it has one only"""
-
-    components: list[str]
-    """On which components"""
-
-    sensors: list[str]
-    """Driven by which sensors"""
-
-    states: list[str]
-    """Driven by which states"""
 
     explanation: str
     """The effect as found on the machine from which it was tried on the others"""
