@@ -59,6 +59,9 @@ _NO_NAME: Final = re.compile(
 _CODE: Final = re.compile(r"\b(?:[A-Z][A-Z0-9]{0,2}|[A-Z]{4,}\d*)\b")
 _GOES_ON: Final = re.compile("[.:;] ")
 _FILE: Final = re.compile(r".+\.[A-Za-z]{2,5}")
+_CODES: Final = re.compile("codes?|components?")
+"""Places that hold codes of components, where they are expected."""
+
 _SEVERAL: Final = re.compile(r" and \d+ more$|^points [xyz], ")
 _QUOTED: Final = re.compile(r"`[^`]*`|'[^']*'|“[^“”]*”|\"[^\"]*\"")
 _NAME: Final = re.compile(r"(?!.*(?:[.;:!?] |  ))[^\s,;:](?:.{0,80}[^\s,;:])?", re.DOTALL)
@@ -270,6 +273,8 @@ class _Reading:
                     yield unread, outside, pieces + read.pieces, values
 
     def _value(self, place: str, text: str) -> Said | None:
+        if _CODES.fullmatch(place.rstrip("0123456789")) and is_without_language(text):
+            return Said(sum(map(len, _CODE.findall(text))), 0, 0, marked_figures(text))
         if not NAMES.fullmatch(place.rstrip("0123456789")) or not is_name(text):
             return self.sentences(text)
         if _SEVERAL.search(text) or (" " in text and text in self._whole):

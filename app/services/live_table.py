@@ -241,8 +241,8 @@ def early_warnings(early: Sequence[Reading]) -> list[str]:
 
 
 def _between(readings: Sequence[Reading]) -> str:
-    first, last = exact_time(readings[0].time), exact_time(readings[-1].time)
-    return first if first == last else f"{first} to {last}"
+    earliest, latest = exact_time(readings[0].time), exact_time(readings[-1].time)
+    return earliest if earliest == latest else f"{earliest} to {latest}"
 
 
 def _no_reading(context: Context, machine_id: str, window: HeldReadings) -> NoReading:

@@ -144,7 +144,7 @@ class CompiledModel:
                 machine.extrapolation_margin_c,
             )
         except OutsideMaps as error:
-            message = f"{scale.sensor} ({list_names(group.codes)}): {error.detail}"
+            message = f"{scale.sensor}, for {list_names(group.codes)}: {error.detail}"
             blamed = FieldError(f"temperatures_c.{scale.sensor}", message)
             raise OutsideMaps(message, [blamed]) from None
         if bracket.status is Status.EXTRAPOLATED:

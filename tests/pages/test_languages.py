@@ -156,6 +156,13 @@ def test_what_says_the_same_in_english_says_the_same_in_other_languages(language
             "5 °C/min; b-2 sprang in 1 s von 76,5 auf 171 °F, erwartet höchstens 5 °C/min. "
             "Nichts springt dafür ein, und 2 Komponenten sind nicht zu berechnen.",
         ),
+        ("assigned EXX to T1", "zugeordnet EXX zu T1"),
+        (
+            "There is no table: Bett vorne, for EXX, EYX: expected a temperature within the maps' "
+            "20 to 28 °C, got 29.2 °C.",
+            "Es gibt keine Tabelle: Bett vorne, für EXX, EYX: erwartet eine Temperatur innerhalb "
+            "von 68 bis 82 °F der Karten, erhalten 84,6 °F.",
+        ),
         ("nobody knows <b>", None),
     ],
 )

@@ -437,7 +437,7 @@ def test_what_the_policy_does_not_allow_names_sensor_and_components(policy, temp
     ]
     with pytest.raises(OutsideMaps) as refusal:
         compiled(maps, out_of_range=policy).errors_at({"x-middle": temperature_c})
-    assert refusal.value.detail.startswith("x-middle (EXX, EYX): expected a temperature ")
+    assert refusal.value.detail.startswith("x-middle, for EXX, EYX: expected a temperature ")
     assert f"the maps' 20 to 30 °C, got {temperature_c} °C" in refusal.value.detail
     assert [e.field for e in refusal.value.errors] == ["temperatures_c.x-middle"]
 
