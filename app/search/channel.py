@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -49,8 +49,6 @@ class Channel:
         How the blocks lie in time and in visits.
     tried
         Sets of variances of what rows share, L of them.
-    assumed
-        Which of them is what is assumed before anything was measured.
     weight
         How many observations the repeatability counts for by itself.
     expected : ndarray, shape (L,), or None
@@ -70,7 +68,6 @@ class Channel:
     gram: FloatArray
     blocks: Blocks
     tried: tuple[Scatter, ...]
-    assumed: int
     weight: float
     expected: FloatArray | None = None
 
@@ -78,6 +75,17 @@ class Channel:
         """Factorise the covariance of some blocks at sets of variances that reach as far."""
         tried = tuple(self.tried[level] for level in levels.tolist())
         return self.blocks.whitening(tried, self.gram, use)
+
+    def trying(self, which: BoolArray) -> Channel:
+        """Try only some of the sets of variances, shape (L,)."""
+        tried = tuple(s for s, it in zip(self.tried, which.tolist(), strict=True) if it)
+        expected = None if self.expected is None else self.expected[which]
+        return replace(self, tried=tried, expected=expected)
+
+    @property
+    def assumed(self) -> int:
+        """Which set of variances is what is assumed before anything was measured."""
+        return self.tried.index(Scatter(1.0, 1.0))
 
     @cached_property
     def prior(self) -> FloatArray:
@@ -166,7 +174,6 @@ def prepare(
     numbers = rows.block[index[starts]]
     shapes = np.column_stack([np.ones(len(index)), rows.tilt[index]])
     blocks = _blocks(rows, index, starts)
-    tried = scatters(blocks)
     gram = np.stack(
         [np.add.reduceat(shapes * s[:, None], starts, axis=0) for s in shapes.T], axis=1
     )
@@ -183,8 +190,7 @@ def prepare(
         cells=np.array([cell_of[int(b)] for b in numbers], dtype=np.intp),
         gram=gram,
         blocks=blocks,
-        tried=tried,
-        assumed=tried.index(Scatter(1.0, 1.0)),
+        tried=scatters(blocks),
         weight=weight,
     )
 

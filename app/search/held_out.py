@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
@@ -14,6 +15,7 @@ from app.search.figures import figure
 from app.search.findings import Floor, HeldOut
 from app.search.joint_fit import Fit
 from app.search.problem import Problem
+from app.search.scatter import Scatter, scatters
 from app.search.state import State
 from app.search.validation import Validation
 
@@ -24,7 +26,7 @@ LARGEST_VOTE: Final = 6.0
 def held_out_figures(
     problem: Problem,
     fit: Fit,
-    typical: Mapping[int, int],
+    typical: Mapping[int, Scatter],
     checked: Validation,
     seed: int,
     *,
@@ -40,7 +42,7 @@ def held_out_figures(
     fit
         The final model: its scatter is the floor where none was declared.
     typical
-        Channel to the set-up scatter that is usual in this campaign (`typical_level`).
+        Channel to the set-up scatter that is usual in this campaign (`typical_scatter`).
     settled
         Channels of which the floor contains what the few visits that taught leave open.
 
@@ -94,19 +96,20 @@ def _residuals(channel: Channel, predicted: FloatArray) -> FloatArray:
     )
 
 
-def typical_level(states: Mapping[int, State]) -> dict[int, int]:
+def typical_scatter(states: Mapping[int, State]) -> dict[int, Scatter]:
     """Find the set-up scatter that most channels agree on, each in its repeatabilities.
 
     One channel whose visits scatter much more than those of all others does so for a cause;
     its own fit would take that for its set-up.
     """
-    by_channel: dict[int, int] = {}
-    for size in {len(s.rss) for s in states.values()}:
-        same = {c: s for c, s in states.items() if len(s.rss) == size}
+    votes: dict[Scatter, float] = defaultdict(float)
+    for state in states.values():
         # No channel may outvote the others by more than so much.
-        votes = sum(np.maximum(s.null - s.null.max(), -LARGEST_VOTE) for s in same.values())
-        by_channel |= dict.fromkeys(same, int(np.argmax(votes)))
-    return by_channel
+        likelihood = np.maximum(state.null - state.null.max() + LARGEST_VOTE, 0.0)
+        for scatter, vote in zip(state.fixed.channel.tried, likelihood.tolist(), strict=True):
+            votes[scatter] += vote
+    blocks = {c: state.fixed.channel.blocks for c, state in states.items()}
+    return {c: max(scatters(b), key=votes.__getitem__) for c, b in blocks.items()}
 
 
 class _NoiseFloor(NamedTuple):
@@ -129,9 +132,9 @@ class _NoiseFloor(NamedTuple):
         return np.asarray(self.scatter * np.sum(shifts_and_tilts, axis=1))
 
 
-def _expected(problem: Problem, channel: Channel, fit: Fit, typical: int) -> _NoiseFloor:
+def _expected(problem: Problem, channel: Channel, fit: Fit, typical: Scatter) -> _NoiseFloor:
     declared = problem.rows.noise.get(channel.number)
-    variances = channel.blocks.own_variances(channel.tried[typical])
+    variances = channel.blocks.own_variances(typical)
     # Beside a stated repeatability the fitted one may hide what is unexplained.
     is_declared = declared is not None and declared.repeatability is not None
     scatter = 1.0 if is_declared else fit.scatter[channel.number]

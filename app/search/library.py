@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby, islice
 from typing import Final
 
 import numpy as np
@@ -17,27 +16,17 @@ from app.errors import InvalidContent
 from app.search.candidate import Candidate
 from app.search.draws import Draws
 from app.search.moments import Fixed, Moments, blocks, moments_of
-from app.search.problem import Problem, SideBySide, Term
+from app.search.problem import Problem, Term
 from app.search.scatter import FEWEST_BLOCKS
 
-WIDTH: Final = 192
-"""Columns of one batch: bounds the memory at any number of candidates."""
-
-TOGETHER: Final = 400_000
+TOGETHER: Final = 5_000_000
 """Numbers, at one for each row and entry, that are laid out at once at most."""
 
 KEPT_BYTES: Final = 300_000_000
 """Columns are kept up to this size, and evaluated again beyond it."""
 
-WAITING_BYTES: Final = 200_000_000
-"""Columns may wait for their batch to be full up to this size: there are dozens of batches."""
-
 MOST_BYTES: Final = 4_000_000_000
 """Size of the products: they grow as candidates times visits, and times entries of the maps."""
-
-
-Key = tuple[tuple[int, ...], int, bool]
-"""Channels, number of columns, and whether generic: what a batch has in common."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,100 +222,58 @@ def read_library(
     InvalidContent
         If the products would take more memory than is stated.
     """
-    library = Library(problem, candidates)
+    nothing = np.zeros(1)
+    entries = [Entry(n, theta, nothing) for n, c in enumerate(candidates) for theta in c.thetas]
+    library = Library(problem, candidates, entries)
     builder = _BatchBuilder(library, draws, by_cell)
-    together = max(1, TOGETHER // max(problem.count, 1))
-    every = (
-        (n, candidate, theta)
-        for n, candidate in enumerate(candidates)
-        for theta in candidate.thetas
-    )
-    for layout, alike in groupby(every, key=lambda item: _laid_out_by(item[1])):
-        while some := list(islice(alike, 1 if isinstance(layout, str) else together)):
-            step(some[0][0] / len(candidates))
-            builder.add(some, problem.side_by_side([(c, theta) for _, c, theta in some]))
-    builder.finish()
+    done = 0
+    for numbers in _laid_out_together(library):
+        step(done / len(entries))
+        builder.add(numbers)
+        done += len(numbers)
     return library
 
 
-def _laid_out_by(candidate: Candidate) -> object:
-    """Give what is equal for candidates that are laid out together; a key for what is alone."""
-    layout = candidate.layout
-    return candidate.key if layout is None else (layout.where, layout.parts)
+def _laid_out_together(library: Library) -> Iterator[list[int]]:
+    """Part entries, by their numbers, into those of one layout, and those without any."""
+    of_layout: dict[object, list[int]] = defaultdict(list)
+    for number, entry in enumerate(library.entries):
+        layout = library.candidates[entry.candidate].layout
+        of_layout[layout and (layout.where, layout.parts)].append(number)
+    together = max(1, TOGETHER // max(library.problem.count, 1))
+    for numbers in of_layout.values():
+        for first in range(0, len(numbers), together):
+            yield numbers[first : first + together]
 
 
 @dataclass(eq=False)
 class _BatchBuilder:
-    """Entries on their way into batches.
-
-    Those with the same key wait for each other until they fill a batch. What waits is of as
-    many rows as there are observations: where it grows too large, the largest goes early.
-    """
+    """Lays entries out and gathers their products in batches."""
 
     library: Library
     draws: Draws | None
     by_cell: bool
-    waiting: dict[Key, list[tuple[list[int], dict[int, FloatArray]]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    waiting_count: Counter[Key] = field(default_factory=Counter)
-    waiting_bytes: Counter[Key] = field(default_factory=Counter)
     kept_bytes: int = 0
     product_bytes: int = 0
 
-    def add(
-        self, some: Sequence[tuple[int, Candidate, float | None]], laid_out: SideBySide
-    ) -> None:
-        """Let entries wait for their batches: candidates by number, each at a value of its grid."""
-        columns, norms, starts, ends, shows = laid_out
-        by_key: dict[Key, list[int]] = defaultdict(list)
-        first = len(self.library.entries)
-        numbers = np.array(list(columns), dtype=np.intp)
-        for i, ((number, candidate, theta), start, end) in enumerate(
-            zip(some, starts.tolist(), ends.tolist(), strict=True)
-        ):
-            channels = tuple(numbers[shows[:, i]].tolist())
-            entry = Entry(number, theta, norms[start:end] if channels else np.zeros(1))
-            self.library.entries.append(entry)
-            if entry.excited:
-                by_key[channels, entry.size, candidate.generic].append(i)
-        for key, members in by_key.items():
-            self._wait(key, np.array(members) + first, starts[members], columns)
-
-    def _wait(
-        self, key: Key, entries: IntArray, starts: IntArray, columns: Mapping[int, FloatArray]
-    ) -> None:
-        """Let entries of one key wait, as many at a time as still fit into its batch."""
-        channels, size, _ = key
-        limit = -(-WIDTH // size)
-        while len(entries):
-            room = limit - self.waiting_count[key]
-            at = (starts[:room, None] + np.arange(size)).ravel()
-            # Copies: what waits must not keep alive all that was laid out with it.
-            by_channel = {c: columns[c].T[at].T for c in channels}
-            self.waiting[key].append((entries[:room].tolist(), by_channel))
-            self.waiting_count[key] += len(entries[:room])
-            self.waiting_bytes[key] += sum(column.nbytes for column in by_channel.values())
-            if self.waiting_count[key] == limit:
-                self._add_batch(key)
-            while self.waiting_bytes.total() > WAITING_BYTES:
-                self._add_batch(max(self.waiting_bytes, key=lambda k: (self.waiting_bytes[k], k)))
-            entries, starts = entries[room:], starts[room:]
-
-    def finish(self) -> None:
-        """Let those go that still wait."""
-        for key in sorted(self.waiting):
-            self._add_batch(key)
-
-    def _add_batch(self, key: Key) -> None:
-        """Set what waits side by side."""
-        channels, size, generic = key
-        waiting = self.waiting.pop(key)
-        del self.waiting_count[key], self.waiting_bytes[key]
-        batch = Batch(
-            channels, size, generic, [entry for entries, _ in waiting for entry in entries]
-        )
-        self.add_batch(batch, {c: np.hstack([parts[c] for _, parts in waiting]) for c in channels})
+    def add(self, numbers: Sequence[int]) -> None:
+        """Lay entries out together, and make a batch of those that are alike."""
+        library, chosen = self.library, [self.library.entries[number] for number in numbers]
+        wanted = [(library.candidates[entry.candidate], entry.theta) for entry in chosen]
+        columns, norms, starts, ends, shows = library.problem.side_by_side(wanted)
+        channels = np.array(list(columns), dtype=np.intp)
+        alike: dict[tuple[tuple[int, ...], int, bool], list[int]] = defaultdict(list)
+        for i, (number, (candidate, _)) in enumerate(zip(numbers, wanted, strict=True)):
+            if shows[:, i].any():
+                size = norms[starts[i] : ends[i]]
+                library.entries[number] = replace(chosen[i], norms=size)
+                shown = tuple(channels[shows[:, i]].tolist())
+                alike[shown, len(size), candidate.generic].append(i)
+        for (shown, size, is_generic), at in alike.items():
+            batch = Batch(shown, size, is_generic, [numbers[i] for i in at])
+            which = (starts[at, None] + np.arange(size)).ravel()
+            # Copies: what is kept must not keep alive all that was laid out with it.
+            self.add_batch(batch, {c: columns[c].T[which].T for c in shown})
 
     def add_batch(self, batch: Batch, columns: Mapping[int, FloatArray]) -> None:
         """Gather a batch's products, of its columns in each channel, shape (n, g k)."""

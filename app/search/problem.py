@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -143,29 +144,39 @@ class Problem:
         return Term(candidate, theta, columns, norms, about=about)
 
     def side_by_side(self, wanted: Sequence[tuple[Candidate, float | None]]) -> SideBySide:
-        """Evaluate candidates of one layout, each at a value of its nonlinear parameter."""
+        """Evaluate candidates of one layout, or without any, each at one parameter value."""
         layout = wanted[0][0].layout
         if layout is None:
-            (candidate, theta) = wanted[0]
-            columns, sizes = self._columns(candidate, candidate.columns(theta)), None
+            each = [
+                self._columns(candidate, candidate.columns(theta)) for candidate, theta in wanted
+            ]
+            ends = np.cumsum([_width(columns) for columns in each])
+            columns = self._beside_each_other(each, ends)
         else:
-            each = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
-            sizes = [len(amplitudes) for amplitudes in each]
-            parts = layout.parts([amplitude for amplitudes in each for amplitude in amplitudes])
-            columns = self._columns(wanted[0][0], parts)
+            amplitudes = [c.layout.amplitudes(theta) for c, theta in wanted if c.layout is not None]
+            ends = np.cumsum([len(of_candidate) for of_candidate in amplitudes])
+            columns = self._columns(wanted[0][0], layout.parts([*chain.from_iterable(amplitudes)]))
         squares = self._squares(columns)
-        ends = np.cumsum(sizes or [_width(columns)])
         norms = np.sqrt(sum(squares.values(), np.zeros(ends[-1])))
         self._divide(columns, norms)
         starts = np.append(0, ends[:-1])
         # A candidate that is laid out with others may leave channels alone in which these show.
-        shows = [
-            np.ones(1, dtype=np.bool_) if layout is None else np.add.reduceat(square, starts) > 0.0
-            for square in squares.values()
-        ]
+        shows = [np.add.reduceat(square, starts) > 0.0 for square in squares.values()]
         return SideBySide(
             columns, norms, starts, ends, np.array(shows, dtype=np.bool_).reshape(-1, len(ends))
         )
+
+    def _beside_each_other(
+        self, each: Sequence[Mapping[int, FloatArray]], ends: IntArray
+    ) -> dict[int, FloatArray]:
+        """Set columns of candidates side by side, each channel's before those that end there."""
+        matrices: dict[int, FloatArray] = {}
+        for end, columns in zip(ends.tolist(), each, strict=True):
+            for number, column in columns.items():
+                if number not in matrices:
+                    matrices[number] = np.zeros((ends[-1], len(column))).T
+                matrices[number][:, end - column.shape[1] : end] = column
+        return dict(sorted(matrices.items()))
 
     def _columns(self, candidate: Candidate, parts: Sequence[Part]) -> dict[int, FloatArray]:
         """Lay parts out over the rows of their channels, by number."""
@@ -243,26 +254,35 @@ def make_problem(
     return Problem(rows, fixed, cells, place)
 
 
-def with_expected_wander(problem: Problem) -> Problem:
-    """Let long records expect the wander that the other channels show.
+def with_likely_scatters(problem: Problem) -> Problem:
+    """Let channels say of each other how they wander, and try no scatter above what they show.
 
     Rooms, foundations and lasers wander in all channels alike. One channel's slow walk and its
     drift look the same; that it walks where no other does has its price, and that it wanders
     as all others do has none. What a channel shows by itself still enters by its likelihood.
+
+    Whatever explains a part of the values leaves less scatter than there seems to be without it: a
+    set of variances that is above the best one, and improbable beside it, stays so.
     """
-    fixed, everything = problem.fixed, np.ones(problem.cells, dtype=np.bool_)
-    believed: dict[int, FloatArray] = {}
-    for number, fixed_ in fixed.items():
-        if fixed_.channel.blocks.may_wander:
-            believed[number] = softmax(State(fixed_, everything).null)
-    informed_fixed = dict(fixed)
+    everything = np.ones(problem.cells, dtype=np.bool_)
+    states = {c: State(fixed, everything) for c, fixed in problem.fixed.items()}
+    believed = {c: softmax(s.null) for c, s in states.items() if s.fixed.channel.blocks.may_wander}
     for number, belief in believed.items():
         others = [b for n, b in believed.items() if n != number and len(b) == len(belief)]
         if len(others) >= FEWEST_OTHERS:
+            fixed = problem.fixed[number]
             expected = expected_beside(others, np.full(len(belief), 1.0 / len(belief)))
-            informed = replace(fixed[number].channel, expected=expected)
-            informed_fixed[number] = replace(fixed[number], channel=informed)
-    return replace(problem, fixed=informed_fixed)
+            informed = replace(fixed.channel, expected=expected)
+            states[number] = State(replace(fixed, channel=informed), everything)
+    return replace(problem, fixed={c: _likely(state) for c, state in states.items()})
+
+
+def _likely(state: State) -> Fixed:
+    """Leave out the sets of variances that are above the best one and not believable."""
+    channel = state.fixed.channel
+    best = channel.tried[int(state.null.argmax())]
+    is_above = np.array([scatter.is_above(best) for scatter in channel.tried])
+    return replace(state.fixed, channel=channel.trying(state.believable | ~is_above))
 
 
 def prepared(

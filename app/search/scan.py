@@ -27,12 +27,6 @@ ROUNDS: Final = 3
 ROUNDS_OF_NOISE: Final = 1
 """Noise hardly moves the variances: more rounds change a threshold by less than 0.1 %."""
 
-LIKELY: Final = 0.01
-"""Share of the most probable, by which variances that other channels show are tried."""
-
-BELIEVABLE: Final = 12.0
-"""Log likelihood below the best by which visit variances are not tried on draws of noise."""
-
 
 PORTION: Final = 60_000
 """Numbers that are worked on at once: they stay in the processor's cache."""
@@ -154,11 +148,7 @@ def _target(state: State) -> Target:
 
 def _drawn_target(state: State, draws: Draws) -> Target:
     """Draws come from believable visit variances, and are judged by those alone."""
-    believable = state.null > state.null.max() - BELIEVABLE
-    expected = state.fixed.channel.expected
-    if expected is not None:
-        believable |= expected > expected.max() * LIKELY
-    response, which = draws.response(state), np.flatnonzero(believable)
+    response, which = draws.response(state), np.flatnonzero(state.believable)
     shadow = state.levels.take(which).shadow(response.with_nuisance, response.reduced)
     squares = response.square - np.sum(shadow**2, axis=1)
     return _weighed(state, which, shadow, squares, response)

@@ -85,6 +85,20 @@ class Scatter(NamedTuple):
     wander: float = 0.0
     minutes: float = CORRELATION_TIMES_MIN[0]
 
+    def is_above(self, other: Scatter) -> bool:
+        """Whether K less the other's K has no negative eigenvalue, wherever blocks lie in time.
+
+        A wander's spectrum 2 w τ / (1 + ω² τ²) is above another's everywhere if both w τ, at slow
+        frequencies, and w / τ, at fast ones, are.
+
+        >>> Scatter(4.0, 4.0).is_above(Scatter(1.0, 1.0)), Scatter(4.0, 0.3).is_above(Scatter(1, 1))
+        (True, False)
+        """
+        sizes, others = (
+            (s.shift, s.tilt, s.wander * s.minutes, s.wander / s.minutes) for s in (self, other)
+        )
+        return all(size >= of_other for size, of_other in zip(sizes, others, strict=True))
+
 
 class Factors(NamedTuple):
     """Factors of clusters of k blocks that scatter together, at sets of variances that reach alike.

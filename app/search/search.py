@@ -34,13 +34,13 @@ from app.search.findings import (
     Verdict,
 )
 from app.search.foresight import learn
-from app.search.held_out import held_out_figures, typical_level
+from app.search.held_out import held_out_figures, typical_scatter
 from app.search.joint_fit import Fit, left_out
 from app.search.leverage import leverage
 from app.search.library import Library, read_library
 from app.search.names import ALIKE, WALKS, WANDERS_ALONE, name_doubts, offset_of, set_ups_alike
 from app.search.noise import at_least_rounding, repeatability
-from app.search.problem import Problem, Term, make_problem, places, with_expected_wander
+from app.search.problem import Problem, Term, make_problem, places, with_likely_scatters
 from app.search.refinement import refine
 from app.search.rivals import better_forms, find_all_rivals
 from app.search.rows import Nuisance, Rows
@@ -164,7 +164,7 @@ def search(
     )
     report(0.9, "looking for what is left")
     fit = selector.fit(main.terms)
-    typical = typical_level(selector.given(main.terms))
+    typical = typical_scatter(selector.given(main.terms))
     held_out = held_out_figures(problem, fit, typical, checked, seed)
     # An effect that is not sure may stand for another: what it leaves counts in full.
     settled = checked.settled(main.terms, doubts)
@@ -249,8 +249,9 @@ class _Chooser:
     def _choose(self, use: BoolArray) -> _Chosen:
         draws = Draws(self.seed, DRAWS)
         splits = split(self.rows, use, self.holdout_fraction)
-        problem_alone = make_problem(self.rows, self.nuisance, use, splits.cell_of, splits.cells)
-        problem = with_expected_wander(problem_alone)
+        problem = with_likely_scatters(
+            make_problem(self.rows, self.nuisance, use, splits.cell_of, splits.cells)
+        )
         library = read_library(
             *(problem, self.candidates, draws),
             lambda s: self.report(0.02 + 0.33 * s, "reading candidates"),

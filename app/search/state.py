@@ -24,6 +24,12 @@ from app.search.scatter import Whitening
 LEAST_SQUARES: Final = 1e-12
 """Squares that count as left where nothing is."""
 
+BELIEVABLE: Final = 12.0
+"""Log likelihood below the best from which a set of variances is not believed,"""
+
+LIKELY: Final = 0.01
+"""unless other channels show it, and by such a share of what they show most."""
+
 JITTER = 1e-10
 """Keeps two equal given columns from breaking the factorisation."""
 
@@ -217,6 +223,13 @@ class State:
     def null(self) -> FloatArray:
         """Log likelihood at each set of visit variances, shape (L,)."""
         return self.log_likelihoods(self.rss)
+
+    @cached_property
+    def believable(self) -> BoolArray:
+        """Which sets of visit variances are likely, by this channel or by others, shape (L,)."""
+        by_itself: BoolArray = self.null > self.null.max() - BELIEVABLE
+        expected = self.fixed.channel.expected
+        return by_itself if expected is None else by_itself | (expected > expected.max() * LIKELY)
 
     def log_likelihoods(self, rss: FloatArray) -> FloatArray:
         """Profile the repeatability out of the likelihood, at each set of visit variances.

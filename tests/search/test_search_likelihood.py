@@ -1,5 +1,6 @@
 """The profile likelihood against a dense computation and against statsmodels' mixed model."""
 
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -18,12 +19,13 @@ from app.search.draws import Draws
 from app.search.joint_fit import fit_terms, left_out
 from app.search.library import read_library
 from app.search.moments import fixed_of, moments_of
-from app.search.problem import make_problem
+from app.search.priors import CORRELATION_TIMES_MIN, WANDERS
+from app.search.problem import make_problem, with_likely_scatters
 from app.search.rows import Datum, Nuisance
 from app.search.scan import scan
-from app.search.scatter import UNLIMITED
+from app.search.scatter import UNLIMITED, Blocks, Scatter
 from app.search.small_inverse import inverse_roots, solutions
-from app.search.state import Given, State
+from app.search.state import BELIEVABLE, Given, State
 from tests.search.search_campaigns import make_campaign, make_library
 
 
@@ -325,3 +327,35 @@ def test_errors_that_nothing_counts_move_amplitudes_as_generalised_least_squares
     np.testing.assert_allclose(
         left_out(states, [term], fit, errors), moved @ moved.T, rtol=1e-8, atol=1e-12
     )
+
+
+def test_scatters_that_are_above_all_that_shows_are_not_tried():
+    _, problem = SMALL
+    likely = with_likely_scatters(problem)
+    for c, fixed in problem.fixed.items():
+        tried, kept = fixed.channel.tried, likely.fixed[c].channel.tried
+        null = State(fixed, np.ones(problem.cells, dtype=bool)).null
+        best = tried[int(null.argmax())]
+        gone = [i for i, scatter in enumerate(tried) if scatter not in kept]
+        assert 0 < len(gone) < len(tried)
+        assert best in kept
+        assert null[gone].max() < null.max() - BELIEVABLE
+        # What is above has more variance in every direction that blocks may take together.
+        which = np.arange(len(fixed.channel.starts))[None]
+        smallest = fixed.channel.blocks.covariance(best, which)[0]
+        for i in gone:
+            larger = fixed.channel.blocks.covariance(tried[i], which)[0]
+            assert np.linalg.eigvalsh(larger - smallest).min() > -1e-9
+
+
+def test_a_wander_is_above_another_where_its_spectrum_is():
+    times = np.sort(np.random.default_rng(1).uniform(0.0, 300.0, 40))
+    alone = np.zeros(len(times))
+    blocks = Blocks(np.arange(40), times, alone > 0, np.ones(1), np.ones(1))
+    which = np.arange(40)[None]
+    wanders = [Scatter(1.0, 1.0, w, t) for w in WANDERS for t in CORRELATION_TIMES_MIN]
+    for one, other in itertools.product(wanders, wanders):
+        if one.is_above(other):
+            apart = blocks.covariance(one, which)[0] - blocks.covariance(other, which)[0]
+            assert np.linalg.eigvalsh(apart).min() > -1e-9
+    assert not Scatter(1.0, 1.0, 3.0, 200.0).is_above(Scatter(1.0, 1.0, 3.0, 4.0))

@@ -8,11 +8,9 @@ from app.search import library as libraries
 from app.search.base_grams import BaseGrams
 from app.search.draws import Draws
 from app.search.library import read_library
-from app.search.problem import make_problem
+from app.search.problem import Problem, make_problem
 from app.search.scan import scan
 from tests.search.search_campaigns import make_campaign, make_library
-
-SMALL = 20_000
 
 
 def read(draws=None, by_cell=True):
@@ -36,22 +34,19 @@ def ratios_on(library, states):
     return scan(library, states, BaseGrams(library, states)).ratio
 
 
-def test_columns_that_wait_for_their_batch_are_limited(monkeypatch):
+def test_what_is_laid_out_at_once_is_limited(monkeypatch):
     whole = read()
-    longest = []
-    add = libraries._BatchBuilder.add
+    laid_out = []
+    side_by_side = Problem.side_by_side
 
-    def watched(gathering, some, laid_out):
-        add(gathering, some, laid_out)
-        waiting = [own for parts in gathering.waiting.values() for _, own in parts]
-        sizes = [columns.nbytes for own in waiting for columns in own.values()]
-        assert sum(gathering.waiting_bytes.values()) == sum(sizes)
-        longest.append(sum(sizes))
+    def watched(problem, wanted):
+        laid_out.append(len(wanted))
+        return side_by_side(problem, wanted)
 
-    monkeypatch.setattr(libraries._BatchBuilder, "add", watched)
-    monkeypatch.setattr(libraries, "WAITING_BYTES", SMALL)
+    monkeypatch.setattr(Problem, "side_by_side", watched)
+    monkeypatch.setattr(libraries, "TOGETHER", 3 * whole.problem.count)
     parted = read()
-    assert 0 < max(longest) <= SMALL
+    assert (max(laid_out), sum(laid_out)) == (3, len(whole.entries))
     assert len(parted.batches) > 2 * len(whole.batches)
     assert sorted(i for b in parted.batches for i in b.entries) == sorted(
         i for b in whole.batches for i in b.entries
