@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from app.arrays import BoolArray, FloatArray, IntArray
-from app.search.levels import Fits, fitted
+from app.search.levels import NEGLIGIBLE, Fits, fitted
 from app.search.priors import LASTING_SIZES, MEMORIES, ODD
 from app.search.scatter import FEWEST_SETUPS
 
@@ -26,9 +26,6 @@ MOST_LEVELS: Final = 50
 
 HALF: Final = 0.5
 """Share of a term's squares from which it does harm if they are none of the machine's."""
-
-NEGLIGIBLE: Final = 1e-6
-"""Share of a term's largest size below which it has nothing of a shift or a tilt."""
 
 
 def _sizes(memory: float) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from app.arrays import BoolArray, FloatArray
 from app.search.base_grams import NOTHING_SEEN, BaseGrams
@@ -15,10 +16,11 @@ from app.search.candidate import Candidate
 from app.search.draws import Draws
 from app.search.findings import Detectable
 from app.search.joint_fit import inverse
+from app.search.levels import NEGLIGIBLE
 from app.search.library import Batch, Library, read_library
 from app.search.moments import blocks, moments_of
-from app.search.names import SAME, STRONG
-from app.search.power import as_assumed, drawn_noise, noncentralities
+from app.search.names import STRONG
+from app.search.power import NINE_IN_TEN, DrawnNoise, as_assumed, noncentralities
 from app.search.problem import Problem
 from app.search.scan import scan
 from app.search.selection import penalties
@@ -26,8 +28,7 @@ from app.search.small_inverse import inverse_roots
 from app.search.state import State
 from app.search.threshold import Threshold, threshold
 
-POWER: Final = 1.2816
-"""Standard normal quantile of nine times in ten."""
+POWER: Final = float(ndtri(NINE_IN_TEN))
 
 # Twice the log likelihood ratio of two explanations whose difference has the squares λ, in those of
 # the noise, is normal with the mean λ and the variance 4 λ: λ − 2 POWER √λ = STRONG, solved for λ.
@@ -103,7 +104,7 @@ class Chances:
         limit
             The threshold where nothing is there.
         """
-        library, noise = base.library, drawn_noise(states, draws)
+        library, noise = base.library, {c: DrawnNoise.of(s, draws) for c, s in states.items()}
         needed = np.full(len(library.candidates), np.nan)
         wanted = set(_middles(library, allowed))
         cost = penalties(library, sum(state.count for state in states.values()))
@@ -189,7 +190,7 @@ def _detectable_entry(
         apart = 1.0 - overlap.share
         distinguishable = (
             float(np.sqrt(TELLING_APART * spread / information.rows / apart))
-            if apart > SAME
+            if apart > NEGLIGIBLE
             else np.inf
         )
     return Detectable(

@@ -39,6 +39,8 @@ class DrawnMoments:
         The drawn errors of the maps, in their standard deviations.
     size : ndarray, shape (m,)
         The drawn repeatability, in scales.
+    level : ndarray of int, shape (m,)
+        From which set of visit variances each draw comes.
     """
 
     with_nuisance: FloatArray
@@ -47,6 +49,7 @@ class DrawnMoments:
     shift: FloatArray
     maps: FloatArray
     size: FloatArray
+    level: IntArray
 
 
 @dataclass(eq=False)
@@ -101,10 +104,6 @@ class Draws:
             self._responses[state] = self._response(state)
         return self._responses[state]
 
-    def levels(self, state: State) -> IntArray:
-        """Give the set of visit variances that each draw of `response` comes from, shape (B,)."""
-        return self._levels(state, self._random(state))
-
     def response_at(self, state: State, level: IntArray) -> DrawnMoments:
         """Give draws of a channel from stated sets of visit variances, of its own scale.
 
@@ -115,11 +114,9 @@ class Draws:
         """
         return self._made(state, level, np.ones(self.count), np.random.default_rng([self.seed, 4]))
 
-    def _random(self, state: State) -> np.random.Generator:
-        return np.random.default_rng([self.seed, 1, state.fixed.channel.number % SEED_MODULUS])
-
     def _response(self, state: State) -> DrawnMoments:
-        random = self._random(state)
+        number = state.fixed.channel.number % SEED_MODULUS
+        random = np.random.default_rng([self.seed, 1, number])
         level = self._levels(state, random)
         return self._made(state, level, np.sqrt(state.scatter(state.rss))[level], random)
 
@@ -142,7 +139,7 @@ class Draws:
         self, state: State, level: IntArray, size: FloatArray, random: np.random.Generator
     ) -> DrawnMoments:
         """Scale the unit draws to sets of visit variances and repeatabilities."""
-        fixed, channel = state.fixed, state.fixed.channel
+        channel = state.fixed.channel
         shape = (len(channel.starts), channel.shapes.shape[1], self.count)
         shift = random.standard_normal(shape)
         if self.alike is not None and not channel.blocks.are_records:
@@ -155,7 +152,7 @@ class Draws:
             of_level = level == i
             shift[..., of_level] = channel.blocks.draw(channel.tried[i], shift[..., of_level])
         maps = self._maps(channel, random.standard_normal((channel.nuisance.shape[1], self.count)))
-        return self._combined(state, fixed, shift, maps, size)
+        return self._combined(state, shift, maps, size, level)
 
     def _maps(self, channel: Channel, single: FloatArray) -> FloatArray:
         """Draw the maps' errors: where channels share a map, one and the same for all."""
@@ -168,10 +165,10 @@ class Draws:
         return np.where(is_shared[:, None], drawn, single)
 
     def _combined(
-        self, state: State, fixed: Fixed, shift: FloatArray, maps: FloatArray, size: FloatArray
+        self, state: State, shift: FloatArray, maps: FloatArray, size: FloatArray, level: IntArray
     ) -> DrawnMoments:
+        fixed, channel = state.fixed, state.fixed.channel
         noise, square = self._noise_moments(fixed)
-        channel = fixed.channel
         gram, crossed = fixed.nuisance.nuisance.sum(axis=0), fixed.nuisance.reduced
         visits = channel.gram @ shift
         taken_up = np.einsum("bqp,bqm->pm", crossed, shift)
@@ -193,7 +190,7 @@ class Draws:
             lower += np.einsum("bqg,bqm->gm", moments.reduced, shift)
             with_nuisance = np.vstack([with_nuisance, lower])
         return DrawnMoments(
-            with_nuisance * size, reduced * size, squares * size**2, shift, maps, size
+            with_nuisance * size, reduced * size, squares * size**2, shift, maps, size, level
         )
 
     def _noise_moments(self, fixed: Fixed) -> tuple[Moments, FloatArray]:

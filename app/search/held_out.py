@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
@@ -102,14 +102,16 @@ def typical_scatter(states: Mapping[int, State]) -> dict[int, Scatter]:
     One channel whose visits scatter much more than those of all others does so for a cause;
     its own fit would take that for its set-up.
     """
-    votes: dict[Scatter, float] = defaultdict(float)
-    for state in states.values():
+    possible = {c: scatters(state.fixed.channel.blocks) for c, state in states.items()}
+    votes: dict[tuple[Scatter, ...], Counter[Scatter]] = defaultdict(Counter)
+    for c, state in states.items():
         # No channel may outvote the others by more than so much.
         likelihood = np.maximum(state.null - state.null.max() + LARGEST_VOTE, 0.0)
         for scatter, vote in zip(state.fixed.channel.tried, likelihood.tolist(), strict=True):
-            votes[scatter] += vote
-    blocks = {c: state.fixed.channel.blocks for c, state in states.items()}
-    return {c: max(scatters(b), key=votes.__getitem__) for c, b in blocks.items()}
+            votes[possible[c]][scatter] += vote
+    return {
+        c: max(of_channel, key=votes[of_channel].__getitem__) for c, of_channel in possible.items()
+    }
 
 
 class _NoiseFloor(NamedTuple):

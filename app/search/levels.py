@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from app.arrays import FloatArray
+
+NEGLIGIBLE: Final = 1e-6
+"""Share of a size below which nothing of it is left."""
 
 
 class Fits(NamedTuple):

@@ -259,16 +259,16 @@ class _BatchBuilder:
     def add(self, numbers: Sequence[int]) -> None:
         """Lay entries out together, and make a batch of those that are alike."""
         library, chosen = self.library, [self.library.entries[number] for number in numbers]
-        wanted = [(library.candidates[entry.candidate], entry.theta) for entry in chosen]
+        wanted = [(library.candidates[e.candidate], e.theta) for e in chosen]
         columns, norms, starts, ends, shows = library.problem.side_by_side(wanted)
         channels = np.array(list(columns), dtype=np.intp)
         alike: dict[tuple[tuple[int, ...], int, bool], list[int]] = defaultdict(list)
         for i, (number, (candidate, _)) in enumerate(zip(numbers, wanted, strict=True)):
             if shows[:, i].any():
-                size = norms[starts[i] : ends[i]]
-                library.entries[number] = replace(chosen[i], norms=size)
+                entry = replace(chosen[i], norms=norms[starts[i] : ends[i]])
+                library.entries[number] = entry
                 shown = tuple(channels[shows[:, i]].tolist())
-                alike[shown, len(size), candidate.generic].append(i)
+                alike[shown, entry.size, candidate.generic].append(i)
         for (shown, size, is_generic), at in alike.items():
             batch = Batch(shown, size, is_generic, [numbers[i] for i in at])
             which = (starts[at, None] + np.arange(size)).ravel()

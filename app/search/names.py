@@ -17,6 +17,7 @@ from app.search.base_grams import BaseGrams
 from app.search.candidate import OFFSET, Candidate, Part
 from app.search.draws import Draws
 from app.search.foresight import Learned, learn
+from app.search.levels import NEGLIGIBLE
 from app.search.library import read_library
 from app.search.problem import Problem, Term, places
 from app.search.rows import Datum
@@ -28,9 +29,6 @@ from app.search.walk import may_be_walk, walk_seen
 STRONG: Final = 6.0
 """2 ln of a likelihood ratio, or of a Bayes factor, from which evidence is strong, and below which
 two explanations are tied (Kass, Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
-
-SAME: Final = 1e-6
-"""Share of a size below which nothing of it is left beside another explanation."""
 
 WANDERS_ALONE: Final = "what it leaves wanders unlike the residuals of any other component"
 
@@ -236,7 +234,7 @@ def _unlike(problem: Problem, term: Term, parts: Sequence[Part]) -> Sequence[Par
     shares = np.linalg.lstsq(weighted, weights[:, None] * version, rcond=None)[0]
     residual = version - itself @ shares
     size, before = (np.linalg.norm(weights[:, None] * each, axis=0) for each in (residual, version))
-    residual = residual[:, size > SAME * before]
+    residual = residual[:, size > NEGLIGIBLE * before]
     rows = {c: np.flatnonzero(problem.rows.channel == c) for c in term.columns}
     return [Part(c, here, residual[here]) for c, here in rows.items() if residual.shape[1]]
 

@@ -3,9 +3,9 @@
 Were the variances of observations and set-ups known, the root of the likelihood ratio would be
 normal about the root of what the rows say of the effect. They are estimated from the same rows,
 and an effect that differs from visit to visit passes for scatter between them: of few visits the
-ratio is then far smaller. What scatters like visits also raises the threshold, which is taken from
-noise as large as the null model says. Both are worked out on draws of noise: each draw's squares
-are known at every set of visit variances, and an effect adds to them what each set leaves of it.
+ratio is then far smaller. That is worked out on draws of noise: each draw's squares are known at
+every set of visit variances, and an effect adds to them what each set leaves of it. The threshold
+is taken for what it is without the effect.
 
 A. Wald, Trans. Am. Math. Soc. 54 (1943) 426: the noncentrality of a likelihood ratio.
 """
@@ -18,14 +18,14 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, ndtr, softmax
+from scipy.special import chdtri, ndtr
 
 from app.arrays import FloatArray, IntArray
-from app.search.base_grams import NOTHING_SEEN, BaseGrams
+from app.search.base_grams import BaseGrams
 from app.search.draws import DrawnMoments, Draws
 from app.search.joint_fit import inverse
 from app.search.state import State
-from app.search.threshold import BARTLETT, Threshold
+from app.search.threshold import Threshold
 
 NINE_IN_TEN: Final = 0.9
 """How often an effect of the stated size is found."""
@@ -33,9 +33,6 @@ NINE_IN_TEN: Final = 0.9
 DRAWN: Final = 20
 """Draws of noise behind a size, of all sets of visit variances in turn: of each the place where it
 passes is worked out."""
-
-OF_EACH: Final = 8
-"""Draws at each set of visit variances, for how large a ratio noise has there."""
 
 LARGEST: Final = 1e8
 """Noncentrality from which nothing is called visible."""
@@ -46,9 +43,6 @@ STEPS: Final = 6
 FARTHEST: Final = 2.5
 STEEPNESS: Final = (0.08, 1.5)
 """So far a step goes at most, and such slopes are believed, both of logarithms."""
-
-ROUNDS: Final = 2
-"""The threshold depends on the size, and the size on the threshold."""
 
 HALVINGS: Final = 26
 
@@ -65,27 +59,24 @@ class DrawnNoise:
         From which set each draw comes.
     variance : ndarray, shape (m,)
         The variance of one of its observations, over the square of the scale.
-    of_levels : ndarray, shape (L, t, L) or None
-        The same squares for t draws from each set, by the set that they come from; None where
-        there are too many sets.
     """
 
     state: State
     squares: FloatArray
     level: IntArray
     variance: FloatArray
-    of_levels: FloatArray | None
 
     @classmethod
     def of(cls, state: State, draws: Draws) -> DrawnNoise:
         """Draw the noise of a channel about what its null model says."""
-        level = draws.levels(state)
+        response = draws.response(state)
+        level = response.level
         # As often from each set as all draws are.
         places = (np.arange(DRAWN) + 0.5) * len(level) / DRAWN
         which = np.argsort(level, kind="stable")[places.astype(np.intp)]
-        squares = _squares(state, draws.response(state))[:, which]
+        squares = _squares(state, response)[:, which]
         variance = state.scatter(state.rss)[level[which]]
-        return cls(state, squares, level[which], variance, _of_levels(state, draws.seed))
+        return cls(state, squares, level[which], variance)
 
     @cached_property
     def likelihood(self) -> FloatArray:
@@ -105,65 +96,11 @@ class DrawnNoise:
         """
         return 2.0 * (self.likelihood - self.state.largest(self.squares[:, None] + added))
 
-    def believed(self, added: FloatArray) -> FloatArray:
-        """Say how a null model that has to take up an effect sees the visit variances.
-
-        Parameters
-        ----------
-        added : ndarray, shape (L, g, m)
-
-        Returns
-        -------
-        ndarray, shape (L, g)
-            On average over the draws; their sum over the sets is 1.
-        """
-        log = self.state.log_likelihoods(self.squares[:, None] + added)
-        mean: FloatArray = softmax(log, axis=0).mean(axis=2)
-        return mean
-
-    def ratio_of_noise(self, shares: FloatArray) -> FloatArray | None:
-        """Say how large a likelihood ratio noise has on average, by the set that it comes from.
-
-        Parameters
-        ----------
-        shares : ndarray, shape (L, g)
-            What each set leaves of an entry's columns.
-
-        Returns
-        -------
-        ndarray, shape (L, g), or None
-            Over that at known variances.
-        """
-        if self.of_levels is None:
-            return None
-        count = self.of_levels.shape[1]
-        by_chance = chdtri(1, (np.arange(count) + 0.5) / count)
-        by_chance /= by_chance.mean()
-        positive = np.maximum(shares, NOTHING_SEEN)
-        ratios = np.empty(shares.shape)
-        for level, squares in enumerate(self.of_levels):
-            # By chance an entry takes χ²₁ of the squares where the noise comes from this set, and
-            # of what other sets leave in proportion.
-            added = (positive / positive[level])[:, :, None] * by_chance
-            rss = squares.T[:, None]
-            rise = self.state.largest(rss) - self.state.largest(rss + added)
-            ratios[level] = 2.0 * rise.mean(axis=1)
-        return ratios
-
 
 def _squares(state: State, response: DrawnMoments) -> FloatArray:
     """Give what each set of visit variances leaves of draws, shape (L, m)."""
     shadow = state.levels.shadow(response.with_nuisance, response.reduced)
     return np.asarray(response.square - np.sum(shadow**2, axis=1))
-
-
-def _of_levels(state: State, seed: int) -> FloatArray | None:
-    if state.fixed.channel.blocks.may_wander:
-        return None
-    levels = len(state.rss)
-    draws = Draws(seed, levels * OF_EACH)
-    squares = _squares(state, draws.response_at(state, np.repeat(np.arange(levels), OF_EACH)))
-    return squares.T.reshape(levels, OF_EACH, levels)
 
 
 def as_assumed(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
@@ -178,11 +115,6 @@ def as_assumed(states: Mapping[int, State], draws: Draws) -> dict[int, State]:
         assumed_state.rss = _squares(state, draws.response_at(state, level)).mean(axis=1)
         assumed[c] = assumed_state
     return assumed
-
-
-def drawn_noise(states: Mapping[int, State], draws: Draws) -> dict[int, DrawnNoise]:
-    """Draw every channel's noise."""
-    return {c: DrawnNoise.of(state, draws) for c, state in states.items()}
 
 
 def noncentralities(
@@ -216,27 +148,12 @@ def noncentralities(
         c: np.concatenate([base.of(number, c).gram[:, list(at)] for number, at in parts], axis=1)
         for c in first.channels
     }
-    wanted = _Wanted(
-        chdtri(first.size, np.power(10.0, -limit.surprise[entries])),
-        limit.bartlett[entries],
-        cost[entries],
+    # An effect must pass the threshold and pay for its parameters: whichever asks for more.
+    limited = chdtri(first.size, np.power(10.0, -limit.surprise[entries]))
+    by = limit.bartlett[entries]
+    return _Visible.of(grams, noise).needed(
+        np.maximum(limited / by, cost[entries] / np.minimum(by, 1.0))
     )
-    return _Visible.of(grams, noise).needed(wanted)
-
-
-@dataclass(frozen=True, eq=False)
-class _Wanted:
-    """What likelihood ratios must exceed, each of shape (g,)."""
-
-    limit: FloatArray
-    bartlett: FloatArray
-    cost: FloatArray
-
-    def ratio(self, larger: FloatArray) -> FloatArray:
-        """Give the ratio that passes where noise has ratios that are larger by so many times."""
-        # An effect must pass the threshold and pay for its parameters: whichever asks for more.
-        by = np.clip(self.bartlett / larger, *BARTLETT)
-        return np.maximum(self.limit / by, self.cost / np.minimum(by, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,17 +184,9 @@ class _Visible:
         shares = {c: np.einsum("gij,lgji->lg", back, gram) / size for c, gram in grams.items()}
         return cls({c: np.maximum(share, 0.0) for c, share in shares.items()}, noise)
 
-    def needed(self, targets: _Wanted) -> FloatArray:
-        """Give the noncentralities that are found nine times in ten, shape (g,)."""
-        larger = np.ones(len(targets.limit))
-        asked_for = targets.ratio(larger)
-        start = np.repeat(asked_for[:, None], self._draws, axis=1)
-        passes = self._passing(asked_for, start, STEPS)
-        tables = {c: self.noise[c].ratio_of_noise(share) for c, share in self.shares.items()}
-        for _ in range(ROUNDS):
-            larger = self._larger(passes, tables)
-            passes = self._passing(targets.ratio(larger), passes, STEPS // 2)
-        return self._nine_in_ten(passes)
+    def needed(self, wanted: FloatArray) -> FloatArray:
+        """Give the noncentralities at which ratios exceed so much nine times in ten, shape (g,)."""
+        return self._nine_in_ten(self._passing(wanted))
 
     def ratio(self, size: FloatArray) -> FloatArray:
         """Give the likelihood ratios of effects of some noncentralities, shape (g, m)."""
@@ -286,15 +195,16 @@ class _Visible:
             ratios += self.noise[c].risen(share[:, :, None] * size)
         return ratios
 
-    def _passing(self, wanted: FloatArray, start: FloatArray, steps: int) -> FloatArray:
+    def _passing(self, wanted: FloatArray) -> FloatArray:
         """Find the noncentrality at which each draw passes, shape (g, m): the secant method.
 
         The ratio grows about as a power of the noncentrality: logarithms make that a line.
         """
-        at = np.log(start)
+        draws = len(self.noise[next(iter(self.shares))].level)
+        at = np.log(np.repeat(wanted[:, None], draws, axis=1))
         off = self._off(at, wanted)
         slope = np.ones(at.shape)
-        for _ in range(steps):
+        for _ in range(STEPS):
             step = np.clip(-off / slope, -FARTHEST, FARTHEST)
             after = np.clip(at + step, 0.0, np.log(LARGEST))
             off_after = self._off(after, wanted)
@@ -310,21 +220,6 @@ class _Visible:
         ratio = np.maximum(self.ratio(np.exp(log_size)), np.finfo(float).tiny)
         return np.asarray(np.log(ratio) - np.log(wanted)[:, None])
 
-    def _larger(self, passes: FloatArray, tables: Mapping[int, FloatArray | None]) -> FloatArray:
-        """Say how much larger noise's ratios are where the null model takes the effect up."""
-        total, weight = np.zeros(len(passes)), np.zeros(len(passes))
-        for c, share in self.shares.items():
-            table, noise = tables[c], self.noise[c]
-            if table is None:
-                change = np.ones(len(passes))
-            else:
-                nothing = noise.believed(np.zeros((*share.shape, 1)))
-                beside = noise.believed(share[:, :, None] * passes)
-                change = np.sum(beside * table, axis=0) / np.sum(nothing * table, axis=0)
-            part = share.max(axis=0)
-            total, weight = total + part * change, weight + part
-        return np.asarray(np.where(weight > 0.0, total / np.maximum(weight, 1e-300), 1.0))
-
     def _nine_in_ten(self, passes: FloatArray) -> FloatArray:
         """Find the size that passes in nine of ten draws, its own error included, shape (g,)."""
         precision = np.zeros(passes.shape)
@@ -338,7 +233,3 @@ class _Visible:
             is_enough = ndtr((middle[:, None] - at) * sharp).mean(axis=1) >= NINE_IN_TEN
             low, high = np.where(is_enough, low, middle), np.where(is_enough, middle, high)
         return np.asarray(high**2)
-
-    @property
-    def _draws(self) -> int:
-        return len(self.noise[next(iter(self.shares))].level)

@@ -17,6 +17,7 @@ from app.search.channel import Channel, prepare
 from app.search.levels import expected_beside
 from app.search.moments import Fixed, Moments, fixed_of, moments_of
 from app.search.noise import at_least_rounding, repeatability
+from app.search.priors import ESTIMATED_WEIGHT
 from app.search.rows import Nuisance, Rows
 from app.search.state import State
 
@@ -262,7 +263,8 @@ def with_likely_scatters(problem: Problem) -> Problem:
     as all others do has none. What a channel shows by itself still enters by its likelihood.
 
     Whatever explains a part of the values leaves less scatter than there seems to be without it: a
-    set of variances that is above the best one, and improbable beside it, stays so.
+    set of variances that is above the best one, and improbable beside it, stays so. That takes a
+    repeatability that no effect has made larger, as variances count in its multiples.
     """
     everything = np.ones(problem.cells, dtype=np.bool_)
     states = {c: State(fixed, everything) for c, fixed in problem.fixed.items()}
@@ -279,10 +281,15 @@ def with_likely_scatters(problem: Problem) -> Problem:
 
 def _likely(state: State) -> Fixed:
     """Leave out the sets of variances that are above the best one and not believable."""
-    channel = state.fixed.channel
-    best = channel.tried[int(state.null.argmax())]
-    is_above = np.array([scatter.is_above(best) for scatter in channel.tried])
-    return replace(state.fixed, channel=channel.trying(state.believable | ~is_above))
+    channel, best = state.fixed.channel, int(state.null.argmax())
+    if channel.weight <= ESTIMATED_WEIGHT:
+        return state.fixed
+    pairs = zip(channel.tried, state.believable.tolist(), strict=True)
+    far = [s for s, it in pairs if not it and s.is_above(channel.tried[best])]
+    # What scatters like observations makes them seem to scatter so much more, and set-ups less.
+    times = max(float(state.scatter(state.rss[best])), 1.0)
+    is_near = [not any(s.is_above(f, times) for f in far) for s in channel.tried]
+    return replace(state.fixed, channel=channel.trying(np.array(is_near)))
 
 
 def prepared(

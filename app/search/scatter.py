@@ -85,8 +85,8 @@ class Scatter(NamedTuple):
     wander: float = 0.0
     minutes: float = CORRELATION_TIMES_MIN[0]
 
-    def is_above(self, other: Scatter) -> bool:
-        """Whether K less the other's K has no negative eigenvalue, wherever blocks lie in time.
+    def is_above(self, other: Scatter, times: float = 1.0) -> bool:
+        """Whether K less so many times another's has no negative eigenvalue, wherever blocks lie.
 
         A wander's spectrum 2 w τ / (1 + ω² τ²) is above another's everywhere if both w τ, at slow
         frequencies, and w / τ, at fast ones, are.
@@ -97,7 +97,7 @@ class Scatter(NamedTuple):
         sizes, others = (
             (s.shift, s.tilt, s.wander * s.minutes, s.wander / s.minutes) for s in (self, other)
         )
-        return all(size >= of_other for size, of_other in zip(sizes, others, strict=True))
+        return all(size >= times * least for size, least in zip(sizes, others, strict=True))
 
 
 class Factors(NamedTuple):

@@ -323,7 +323,11 @@ def _answer(
         unexplained=tuple(unexplained),
         noise=_noise(library.problem, fit, use),
         held_out=held_out,
-        global_p=main.stages[0].global_p,
+        global_p=min(
+            main.stages[0].global_p,
+            *(f.global_p for f, t in zip(every, main.terms, strict=True) if t.candidate.expected),
+            1.0,
+        ),
         excluded=tuple(excluded),
         untested=tuple(_untested(library, main.stages[0].rank)),
         detectable=tuple(_detectable(selector, main, draws)),

@@ -34,9 +34,6 @@ WORTH_A_SWAP: Final = 2.0
 NEAR: Final = 0.1
 """Correlation of two terms' amplitudes from which one is looked at again when the other moves."""
 
-CLOSE: Final = 3.0
-"""Reduced surprise below the threshold from which an entry makes a probability below 0.2 or so."""
-
 CHANCE_COURSE: Final = 0.05
 """Probability by which noise shows a course beside a constant. What resembling set-ups have in
 common passes the threshold in one campaign of several: so it is named in one of a hundred."""
@@ -226,28 +223,11 @@ class Selector:
                 alike, limit = limit, limit.except_for(self.are_of_setups, self.made_anew)
         else:
             limit, alike = stages[0].limit, stages[0].alike
-        allowed = self.allowed & ~self._unexpected(scanned, limit) if not stages else self.allowed
         is_level = self._are_levels(scanned, limit, alike, others)
-        p = limit.global_p(scanned.only(allowed & ~is_level))
+        # Tables have errors, and residuals contain them: a few per cent of what a mistake would do
+        # surprise, and are none. A scan does not see whether an amplitude is as it should be.
+        p = limit.global_p(scanned.only(self.allowed & ~self.is_expected & ~is_level))
         return Stage(limit, p, scanned.ratio, scanned.rank, is_level, alike)
-
-    def _unexpected(self, scanned: Scan, limit: Threshold) -> BoolArray:
-        """Say which entries stand out by an amplitude other than the one that they should have.
-
-        Tables have errors, and residuals contain them: a few per cent of what a mistake would do
-        surprise, and are none.
-        """
-        near = self.is_expected & self.allowed & (limit.excess(scanned) > -CLOSE)
-        best = best_entries(np.where(near, scanned.ratio, -np.inf), self.groups, 0.0)
-        is_none = np.zeros(len(scanned.rank), dtype=np.bool_)
-        base = self.fit([]).log_likelihood
-        for entry in best:
-            term = self.library.term(entry)
-            # Refining only adds to the evidence: where there is some, its size is right enough.
-            unrefined = self.evidence(term, [], base)
-            if unrefined <= 0.0 and self.evidence(self.refined(term, []), [], base) <= 0.0:
-                is_none |= self.groups == self.groups[entry]
-        return is_none
 
     def _best(self, scanned: Scan, stage: Stage, others: Sequence[Term]) -> Term | None:
         """Pick by evidence among those that pass the threshold and beat no effect at all."""

@@ -27,8 +27,6 @@ null model that is fitted without an effect has taken part of it up already."""
 LEAST_SCALE: Final = 1.0 / np.log(10.0)
 """Scale of −log10 p of a single test: a family's largest has no lighter tail than that."""
 
-EULER_GAMMA: Final = 0.5772156649015329
-
 
 @dataclass(frozen=True, eq=False)
 class Population:
@@ -188,7 +186,7 @@ def _population(scanned: Scan, groups: np.ndarray, families: np.ndarray) -> Popu
         # A Gumbel variable has the standard deviation π/√6 times its scale, and the mean γ scales
         # above its location.
         scale[of_family] = max(float(largest.std(ddof=1)) * np.sqrt(6.0) / np.pi, LEAST_SCALE)
-        location[of_family] = float(largest.mean()) - EULER_GAMMA * scale[of_family]
+        location[of_family] = float(largest.mean()) - np.euler_gamma * scale[of_family]
     return Population(location, scale, bartlett)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr, softmax
 
 from app.arrays import FloatArray, IntArray
-from app.search.levels import Fits, expected_beside, fitted
+from app.search.levels import NEGLIGIBLE, Fits, expected_beside, fitted
 from app.search.priors import WALK_SIZES
 from app.search.scatter import FEWEST_SETUPS
 
@@ -32,8 +32,6 @@ SIZES_TRIED: Final = tuple(product(WALK_SIZES, WALK_SIZES))
 _WEIGHTS: Final = np.array([1.0 if step else len(WALK_SIZES) - 1.0 for _, step in SIZES_TRIED])
 AS_LIKELY_NONE: Final = _WEIGHTS / _WEIGHTS.sum()
 """Where nothing is known of a walk it is as likely that there is none: set-ups are made anew."""
-
-NEXT_TO_NOTHING: Final = 1e-6
 
 
 def walk_seen(residuals: FloatArray, visit: IntArray) -> FloatArray | None:
@@ -125,7 +123,7 @@ def _levels(residuals: FloatArray, contribution: FloatArray, visit: IntArray) ->
     walks in set-ups too in which the channel does not show.
     """
     sign = 1.0 if contribution.sum() >= 0.0 else -1.0
-    nothing = NEXT_TO_NOTHING * float(np.abs(contribution).max(initial=0.0))
+    nothing = NEGLIGIBLE * float(np.abs(contribution).max(initial=0.0))
     numbers = np.unique(visit)
     groups = np.array_split(numbers, min(len(numbers), MOST_LEVELS))
     level_rows = []
