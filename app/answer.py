@@ -23,8 +23,9 @@ from typing import (
     get_type_hints,
 )
 
-from pydantic import ConfigDict, Field, WithJsonSchema, computed_field
+from pydantic import ConfigDict, Field, GetPydanticSchema, WithJsonSchema, computed_field
 from pydantic.fields import FieldInfo
+from pydantic_core import core_schema
 
 IN_ITS_UNIT: Final = "[µm; angular components µrad, squareness µm/m]"
 
@@ -47,6 +48,10 @@ TemperaturesC: TypeAlias = Annotated[
 Codes: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["EZZ"]])]
 Sensors: TypeAlias = Annotated[tuple[str, ...], Field(examples=[["z-column"]])]
 UnitSymbol: TypeAlias = Annotated[str, Field(examples=["µm"])]
+
+
+AS_IT_IS: Final = GetPydanticSchema(lambda _kind, _handler: core_schema.any_schema())
+"""Of what is not published, or by what writes it alone."""
 
 
 class Answer:

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from app.errors import FieldError, counted, list_names
+from app.stated import REFUSED
 from app.units import unit_of_field
 
 
@@ -42,6 +43,8 @@ def field_error(error: Mapping[str, Any]) -> FieldError:
     if error["type"] in UNKNOWN:
         return FieldError(".".join(path), f"unknown field; expected {_known_names(error)}")
     field = ".".join(path) or "body"
+    if error["type"] == REFUSED:
+        return FieldError(field, str(error["msg"]))
     if isinstance(error.get("input"), bytes):
         return FieldError(field, "expected JSON with the header Content-Type: application/json")
     unit = next((u for u in map(unit_of_field, reversed(path)) if u), None)

@@ -7,9 +7,9 @@ hands it on as it is.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
 from unicodedata import normalize
 
 from pydantic import (
@@ -22,16 +22,48 @@ from pydantic import (
     Field,
     PlainSerializer,
     StringConstraints,
+    ValidationError,
     WithJsonSchema,
 )
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from app.errors import FieldError, InvalidContent
 from app.units import expect_usable_time
+
+REFUSED: Final = "refused"
+"""Kind of error of what was refused in our own words, which are its message."""
 
 
 class Schema(BaseModel):
     """What is asked: fields that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def made(make: Callable[[Any], Any], field: str = "", kind: Any = AfterValidator) -> Any:
+    """Make of what was checked what it stands for; with `BeforeValidator` of what came.
+
+    What is refused of it then, with InvalidContent, is named by its place, beside all else that is
+    wrong; `field` is the name under which `make` refuses what it is given.
+    """
+
+    def check(stated: Any) -> Any:
+        try:
+            return make(stated)
+        except InvalidContent as refused:
+            wrong = refused.errors or [FieldError("", refused.detail)]
+            places = [e.field.removeprefix(field).strip(".") for e in wrong]
+            lines: list[InitErrorDetails] = [
+                {
+                    "type": PydanticCustomError(REFUSED, "{said}", {"said": e.message}),
+                    "loc": tuple(place.split(".")) if place else (),
+                    "input": None,
+                }
+                for place, e in zip(places, wrong, strict=True)
+            ]
+        raise ValidationError.from_exception_data(REFUSED, lines)
+
+    return kind(check)
 
 
 _DATE_AND_HOUR = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d")

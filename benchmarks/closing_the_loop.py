@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import effect_from_json
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
@@ -32,6 +31,7 @@ from app.simulation.undeclared import FAMILIES, UNKNOWN, make_campaign
 from app.simulation.undeclared.campaign import Campaign as Simulated
 from app.storage.analysis_results import RESULTS
 from benchmarks.closing_the_loop_judge import judge
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 HELD_OUT = 0.3
 FOLDS = 3

@@ -22,13 +22,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.arrays import one_blas_thread
 from app.identification.analysis import analyse as analyse_module
 from app.identification.analysis import decide as decide_module
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import Campaign, residuals_of
 from benchmarks.loop_counts import SECTIONS, _sent, tasks_of
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 MARKED: Final = 1.1
 """Times as large, from which an error counts as larger or smaller."""

@@ -15,13 +15,13 @@ from collections import Counter, defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from itertools import repeat
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.tried_effect import try_effect
 from app.identification.campaign import Campaign
 from app.identification.fleet import is_tried
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 PLANTED = ("thermal-lag", "backlash", "other-sensor", "state-variable", "temperature-curvature")
 AMPLITUDE = 3.0

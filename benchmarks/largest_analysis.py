@@ -13,9 +13,9 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Final
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 PLANTED: Final = ("thermal-lag",)
 AMPLITUDE: Final = 2.0

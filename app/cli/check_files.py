@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, cast
 
-from app.api.schemas.analyses import VisitPreview
+from app.services.observations import VisitPreview
 from app.cli.terminal import echo
 from app.cli.uploads import (
     Beside,

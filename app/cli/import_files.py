@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from app.api.schemas.machines import MachineAnswer
+from app.services.machines import MachineAnswer
 from app.cli.asking import ThermapClient, asks
 from app.cli.console import console
 from app.cli.measurement_view import measurement_view

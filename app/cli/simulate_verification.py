@@ -16,7 +16,7 @@ from typing import Annotated, Any, Final, TypeAlias
 import numpy as np
 import typer
 
-from app.api.schemas.verifications import MeasuredObservation
+from app.services.observations import MeasuredObservation
 from app.cli.asking import ThermapClient, asks
 from app.cli.check_files import look_at_visits
 from app.cli.options import (

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent, list_names
@@ -22,7 +23,7 @@ from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Kind
 from app.geometry.volumetric_error import volumetric_error
 from app.geometry.work_volume import WorkVolume
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.stated_numbers import (
     FARTHEST_MM,
     as_array,
@@ -32,6 +33,7 @@ from app.measurement.stated_numbers import (
     suspiciously_small,
 )
 from app.measurement.stated_runs import over_positions
+from app.rounding import Micro
 from app.thermal.error_map import ComponentTable, positions_for_errors
 from app.units import MM_PER_M
 
@@ -53,26 +55,21 @@ LONGER: Final = 1.001
 """A measured diagonal may be longer than the volume's by rounding of its positions."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyDiagonal:
-    """What measured body diagonals yield.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyDiagonal(Evaluated):
+    """Ed, ESd, and the squareness that the diagonals' ends show."""
 
-    Parameters
-    ----------
-    accuracy
-        Ed, ESd and each diagonal's range, of the means in both directions [µm].
-    reversal_um
-        Diagonal to its largest reversal value, forward less backward mean [µm]; empty
-        where nothing was measured backwards.
-    repeatability_um
-        Standard deviation of one run's reading [µm]: found from repeated runs, or as
-        stated; None where unknown.
-    """
-
-    result: MeasurementResult
-    accuracy: DiagonalAccuracy
-    reversal_um: Mapping[str, float]
-    repeatability_um: float | None
+    ed_um: Annotated[Micro, Field(alias="Ed_um")]
+    """Largest range on a diagonal, of the means in both directions [µm]"""
+    esd_um: Annotated[Micro, Field(alias="ESd_um")]
+    """Range over all diagonals together [µm]"""
+    diagonals_um: Mapping[str, Micro]
+    """Range on each diagonal [µm]"""
+    reversal_um: Mapping[str, Micro]
+    """Largest reversal value on each diagonal, forward less backward mean [µm]; empty where nothing
+    was measured backwards"""
+    # Of one run's reading: of repeated runs, or as stated; None where unknown [µm].
+    repeatability_um: Annotated[float | None, Field(exclude=True)]
 
 
 def body_diagonal(
@@ -118,7 +115,7 @@ def body_diagonal(
     >>> read = {d: {"positions_mm": [0, 1300], "forward_um": [0, e]} for d, e in ends.items()}
     >>> box = WorkVolume((0.0, 300.0), (0.0, 400.0), (0.0, 1200.0))
     >>> found = body_diagonal(read, volume=box)
-    >>> found.accuracy.ed_um, found.accuracy.esd_um
+    >>> found.ed_um, found.esd_um
     (4.0, 4.0)
     >>> {t.component.code: t.errors.round(3).tolist() for t in found.result.tables[:1]}
     {'SXY': [10.833]}
@@ -141,7 +138,12 @@ def body_diagonal(
         figures["diagonal_scale_um_per_m"] = scale
         notes += [UNSEEN, *_rotations(chain)]
     return BodyDiagonal(
-        MeasurementResult(tuple(tables), figures, tuple(notes)), accuracy, reversal, noise
+        result=MeasurementResult(tuple(tables), figures, tuple(notes)),
+        ed_um=accuracy.ed_um,
+        esd_um=accuracy.esd_um,
+        diagonals_um=accuracy.ranges_um,
+        reversal_um=reversal,
+        repeatability_um=noise,
     )
 
 

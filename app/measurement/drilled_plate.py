@@ -15,12 +15,15 @@ C. Wang, 8.58–8.60 for the sign of SXY: E_x gains SXY·y.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import AS_IT_IS
 from app.arrays import FloatArray, rms_length
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS
@@ -35,9 +38,10 @@ from app.measurement.plane_errors import (
     take_out_rigid_motion,
 )
 from app.measurement.reference_line import covariance_through, slope_weights, without_line
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.stated_numbers import FARTHEST_MM, as_numbers, as_point, as_standard_deviation
 from app.measurement.stated_runs import stated_line
+from app.rounding import Micro, listed, to_digits_of
 from app.thermal.error_map import ComponentTable
 from app.units import MM_PER_M, UM_PER_MM
 
@@ -47,39 +51,29 @@ LARGEST_EXPANSION: Final = 100.0
 LARGEST_DIFFERENCE_C: Final = 100.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DrilledPlate:
-    """What a plate of holes says.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DrilledPlate(Evaluated):
+    """Scale, squareness and axis errors, up to a rigid motion.
 
-    Parameters
-    ----------
-    rotation_urad
-        How the plate lay on the coordinate machine, about Z by the right-hand rule [µrad].
-    shift_mm : ndarray, shape (2,) [mm]
-        Where its nominal zero lay.
-    scale_um_per_m, scale_standard_errors_um_per_m : ndarray, shape (2,) [µm/m]
-        Of x and y; standard errors are NaN where nothing is known of the noise.
-    squareness_um_per_m
-        SXY [µm/m].
-    errors_um : ndarray, shape (n, 2) [µm]
-        Errors of the holes without the rigid motion.
-    residuals_um : ndarray, shape (n, 2) [µm]
-        Without scale and squareness too.
-    suspicious : tuple of int
-        Indices of holes far from the rest; they are kept.
-    result
-        EXX, EYY and SXY; EXY and EYX too where rows and columns repeat.
+    EXX, EYY and SXY; EXY and EYX too where rows and columns repeat.
     """
 
-    rotation_urad: float
-    shift_mm: FloatArray
-    scale_um_per_m: FloatArray
-    scale_standard_errors_um_per_m: FloatArray
-    squareness_um_per_m: float
-    errors_um: FloatArray
-    residuals_um: FloatArray
-    suspicious: tuple[int, ...]
-    result: MeasurementResult
+    rotation_urad: Micro
+    """How the plate lay on the coordinate machine, about Z [µrad]"""
+    shift_mm: Annotated[FloatArray, listed(1, write=to_digits_of)]
+    """Where its nominal zero lay [mm]"""
+    scale_um_per_m: Annotated[FloatArray, listed(1)]
+    """Scale of x and y [µm/m]"""
+    scale_standard_errors_um_per_m: Annotated[FloatArray, listed(1, float | None, to_digits_of)]
+    """Their standard errors [µm/m]"""
+    squareness_um_per_m: Micro
+    """SXY [µm/m]"""
+    # Of the holes without the rigid motion, shape (n, 2) [µm].
+    errors_um: Annotated[FloatArray, AS_IT_IS, Field(exclude=True)]
+    residuals_um: Annotated[FloatArray, listed(2)]
+    """What rigid motion, scale and squareness leave of each hole's x, y [µm]"""
+    suspicious: Sequence[int]
+    """Indices of holes far from the rest, from 0; they are kept"""
 
 
 def evaluate_drilled_plate(

@@ -36,7 +36,7 @@ from app.measurement.reference_line import (
     slope_of,
     without_line,
 )
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
 from app.measurement.stated_runs import as_positions, as_runs, as_straightness, stated_line
 from app.rounding import Digits, Micro, listed
@@ -67,29 +67,20 @@ class Comparison(Answer):
     correlation_as_came: Annotated[float | None, Field(exclude=True)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MachinedPart:
-    """Straightness of a machined edge.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MachinedPart(Evaluated):
+    """The straightness of the edge, and how it compares with the model."""
 
-    Parameters
-    ----------
-    straightness_um
-        Range of the deviations from the reference line [µm].
-    slope_um_per_m
-        Slope that was taken out [µm/m]: alignment on the coordinate machine, and whatever
-        squareness the edge has.
-    comparison
-        With the model; None without a prediction.
-    suspicious_measured : tuple of int
-        Indices of values far from the rest; they are kept, and so are predicted ones, of which
-        the notes tell.
-    """
-
-    straightness_um: float
-    slope_um_per_m: float
+    straightness_um: Micro
+    """Range of the deviations from the line [µm]"""
+    slope_um_per_m: Micro
+    """Slope that was taken out [µm/m]: alignment on the coordinate machine, and whatever squareness
+    the edge has"""
+    # Predicted ones that are far from the rest are kept, too; the notes tell of them.
+    suspicious_measured: Annotated[Sequence[int], Field(alias="suspicious")]
+    """Indices of measured points far from the rest, from 0; they are kept"""
     comparison: Comparison | None
-    suspicious_measured: tuple[int, ...]
-    result: MeasurementResult
+    """With the active model at `temperatures_c`; null where there is no model"""
 
 
 def evaluate_machined_part(

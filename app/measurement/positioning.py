@@ -14,17 +14,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import AS_IT_IS, Answer, shown
 from app.arrays import FloatArray, rms
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.run_means import COVER, RunMeans, mean_of_runs, table_of_means
 from app.measurement.run_scatter import varies
 from app.measurement.stated_numbers import as_standard_deviation, suspiciously_small
 from app.measurement.stated_runs import as_positions, as_runs, expect_linear_axis
+from app.rounding import Digits, Micro
 from app.units import MM_PER_M
 
 RUNS_OF_THE_STANDARD: Final = 5
@@ -35,37 +38,65 @@ SIGNIFICANT: Final = 0.01
 """Probability by chance below which runs are said to drift."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Positioning:
-    """ISO 230-2's evaluation of one axis.
+@dataclass(frozen=True, slots=True)
+class TargetAnswer(Answer):
+    """ISO 230-2's values at one target position."""
 
-    Parameters
-    ----------
-    axis
-        `x`, `y` or `z`.
-    targets_mm : ndarray, shape (m,) [mm]
-        Target positions.
-    forward, backward
-        Means x̄↑ and x̄↓, standard deviations s↑ and s↓, repeatabilities R↑ and R↓ at
-        each target [µm]; backward is None where nobody approached so.
-    mean_um : ndarray, shape (m,) [µm]
-        Mean of both directions, x̄_i; of the forward one alone without the other.
-    reversal_um : ndarray, shape (m,), or None [µm]
-        Reversal error B_i = x̄↑ − x̄↓, with its sign.
-    bidirectional_repeatability_um : ndarray, shape (m,), or None [µm]
-        R_i.
-    result
-        E{axis}{axis} in both directions, and the figures of the axis.
-    """
+    target_mm: float
+    """Target position [mm]"""
+    mean_forward_um: Micro
+    """Mean deviation x̄↑ [µm]"""
+    mean_backward_um: Micro | None
+    """Mean deviation x̄↓ [µm]"""
+    mean_um: Micro
+    """Mean of both, x̄; of the forward one alone without the other [µm]"""
+    reversal_um: Micro | None
+    """Reversal value B, x̄↑ less x̄↓ [µm]"""
+    standard_deviation_forward_um: Digits | None
+    """s↑ [µm]"""
+    standard_deviation_backward_um: Digits | None
+    """s↓ [µm]"""
+    repeatability_forward_um: Digits | None
+    """R↑ = 4 s↑ [µm]"""
+    repeatability_backward_um: Digits | None
+    """R↓ = 4 s↓ [µm]"""
+    repeatability_um: Digits | None
+    """Bidirectional repeatability R [µm]"""
 
-    axis: str
-    targets_mm: FloatArray
-    forward: RunMeans
-    backward: RunMeans | None
-    mean_um: FloatArray
-    reversal_um: FloatArray | None
-    bidirectional_repeatability_um: FloatArray | None
-    result: MeasurementResult
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Positioning(Evaluated):
+    """ISO 230-2's figures of the axis (A, E, M, B, R in `figures`) and its displacement error."""
+
+    # The axis, targets [mm], what each direction shows at each of them, the mean of both, reversal
+    # and bidirectional repeatability, all of shape (m,) [µm].
+    axis: Annotated[str, Field(exclude=True)]
+    targets_mm: Annotated[FloatArray, AS_IT_IS, Field(exclude=True)]
+    forward: Annotated[RunMeans, AS_IT_IS, Field(exclude=True)]
+    backward: Annotated[RunMeans | None, AS_IT_IS, Field(exclude=True)]
+    mean_um: Annotated[FloatArray, AS_IT_IS, Field(exclude=True)]
+    reversal_um: Annotated[FloatArray | None, AS_IT_IS, Field(exclude=True)]
+    bidirectional_repeatability_um: Annotated[FloatArray | None, AS_IT_IS, Field(exclude=True)]
+
+    @shown
+    def targets(self) -> list[TargetAnswer]:
+        """The values at each target position."""
+        forward, backward = self.forward, self.backward
+        columns = (
+            self.targets_mm,
+            forward.mean,
+            None if backward is None else backward.mean,
+            self.mean_um,
+            self.reversal_um,
+            forward.standard_deviation,
+            None if backward is None else backward.standard_deviation,
+            forward.repeatability,
+            None if backward is None else backward.repeatability,
+            self.bidirectional_repeatability_um,
+        )
+        absent = [None] * self.targets_mm.size
+        lists = (absent if column is None else column.tolist() for column in columns)
+        return [TargetAnswer(*row) for row in zip(*lists, strict=True)]
 
 
 def evaluate_positioning(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from pydantic import Field
+
+from app.answer import AS_IT_IS, Answer
 from app.geometry.measuring_line import MeasuringLines
 from app.thermal.error_map import ComponentTable
 
@@ -31,3 +35,12 @@ class MeasurementResult:
     figures: Mapping[str, float]
     notes: tuple[str, ...] = ()
     measuring_lines: MeasuringLines = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evaluated(Answer):
+    """What a method makes of its readings: the result, and what else it is answered with."""
+
+    result: Annotated[MeasurementResult, AS_IT_IS, Field(exclude=True)]
+    # Said after the result's own and those on its map.
+    further_notes: Annotated[Sequence[str], Field(exclude=True)] = ()

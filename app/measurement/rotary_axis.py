@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from app.answer import Answer
+from app.answer import AS_IT_IS, Answer
 from app.arrays import FloatArray, frozen, largest_length, rms_length
 from app.errors import InvalidContent
 from app.geometry.components import COMPONENTS
@@ -27,7 +27,7 @@ from app.geometry.rotary_axes import (
     about,
     actual_axis,
 )
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.rotary_axis_points import checked_fit, checked_points, number_places
 from app.measurement.rotary_axis_report import (
     CODES,
@@ -36,7 +36,7 @@ from app.measurement.rotary_axis_report import (
     notes_on,
 )
 from app.measurement.stated_numbers import as_point, as_standard_deviation
-from app.rounding import listed
+from app.rounding import Digits, listed
 from app.thermal.error_map import VALUE_LIMIT, ComponentTable
 from app.units import UM_PER_MM, URAD_PER_RAD
 
@@ -73,48 +73,30 @@ class PathErrors(Answer, published_as="PathErrorsAnswer"):
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RotaryAxisMeasurement:
-    """A rotary axis as its R-test shows it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RotaryAxisMeasurement(Evaluated):
+    """The axis' location errors, with run-out in `figures`."""
 
-    Parameters
-    ----------
-    letter
-        `a`, `b` or `c`.
-    axis
-        The axis as a line in the coordinates of the points.
-    start_mm : ndarray, shape (3,) [mm]
-        The ball at angle 0 by the fit.
-    pivot_mm : ndarray, shape (3,) [mm]
-        A point of the nominal axis.
-    errors
-        Component code to value [µm, µrad]; without the two tilts where the points do
-        not show them.
-    covariance : ndarray, shape (k, k), or None
-        Of the errors together, in their order [µm², µm·µrad, µrad²].
-    residuals_um : ndarray, shape (n, 3) [µm]
-        Measured minus fitted place of the ball: radial (outward), tangential (in the
-        sense of positive rotation), axial.
-    noise_um
-        Standard deviation of one coordinate [µm], from the residuals or as stated.
-    degrees_of_freedom
-        Of the noise; 0 where it was stated or nobody knows.
-    path
-        How far the ball was beside the spindle that follows it, before and after
-        compensation.
-    """
-
-    letter: str
-    axis: RotaryAxis
-    start_mm: FloatArray
-    pivot_mm: FloatArray
-    errors: Mapping[str, float]
-    covariance: FloatArray | None
-    residuals_um: FloatArray
-    noise_um: float | None
+    # `a`, `b` or `c`; the axis as a line in the coordinates of the points; the ball at angle 0 by
+    # the fit, and a point of the nominal axis, shape (3,) [mm].
+    letter: Annotated[str, Field(exclude=True)]
+    axis: Annotated[RotaryAxis, AS_IT_IS, Field(exclude=True)]
+    start_mm: Annotated[FloatArray, AS_IT_IS, Field(exclude=True)]
+    pivot_mm: Annotated[FloatArray, AS_IT_IS, Field(exclude=True)]
+    # Component code to value [µm, µrad], without the two tilts where the points do not show them;
+    # their covariance together, in their order, shape (k, k) [µm², µm·µrad, µrad²].
+    errors: Annotated[Mapping[str, float], Field(exclude=True)]
+    covariance: Annotated[FloatArray | None, AS_IT_IS, Field(exclude=True)]
+    residuals_um: Annotated[FloatArray, listed(2)]
+    """Measured minus fitted place of the ball: radial (outward), tangential (in the sense of
+    positive rotation), axial [µm]"""
+    noise_um: Digits | None
+    """Standard deviation of one coordinate, from the residuals or as stated [µm]"""
     degrees_of_freedom: int
+    """Of that noise; 0 where it was stated or nobody knows"""
     path: PathErrors
-    result: MeasurementResult
+    """The path errors before and after compensation; rms and largest length are in `figures`
+    [µm]"""
 
 
 def measure_rotary_axis(

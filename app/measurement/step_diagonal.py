@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from app.answer import AS_IT_IS
 from app.arrays import FloatArray
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
@@ -28,7 +31,7 @@ from app.measurement.reference_line import (
     slope_weights,
     without_line,
 )
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.stated_runs import stated_line
 from app.measurement.step_diagonal_input import (
     StepWalk,
@@ -55,28 +58,20 @@ from app.measurement.step_diagonal_uncertainty import (
     table_covariance,
     variance_of,
 )
+from app.rounding import listed
 from app.thermal.error_map import ComponentTable
 from app.units import MM_PER_M
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StepDiagonal:
-    """What a sequential step diagonal yields.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StepDiagonal(Evaluated):
+    """Nine translations and three squareness errors."""
 
-    Parameters
-    ----------
-    result
-        Nine translations and three squareness errors with their uncertainty, figures,
-        notes, and the lines to which the translations belong.
-    closure_um : ndarray, shape (3, n), or None where there are three diagonals [µm]
-        What the four increments of each axis' interval contradict each other by.
-    noise
-        Of the readings and of the mirrors, from which all uncertainty follows.
-    """
-
-    result: MeasurementResult
-    closure_um: FloatArray | None
-    noise: StepNoise
+    closure_um: Annotated[FloatArray, listed(2)] | None
+    """For x, y, z and each interval: what the four diagonals contradict each other by, the
+    measurement's own noise [µm]; null with three diagonals"""
+    # Of the readings and of the mirrors, from which all uncertainty follows.
+    noise: Annotated[StepNoise, AS_IT_IS, Field(exclude=True)]
 
 
 def step_diagonal(
@@ -164,7 +159,8 @@ def step_diagonal(
         *notes_of_uncertainty(walk, closure, noise, repeatability_um, mirror_angle_urad),
     )
     figures = _figures(walk, tables, closure, noise, solution)
-    return StepDiagonal(MeasurementResult(tables, figures, notes, lines), closure, noise)
+    result = MeasurementResult(tables, figures, notes, lines)
+    return StepDiagonal(result=result, closure_um=closure, noise=noise)
 
 
 def _measuring_lines(walk: StepWalk, tool_offset_mm: ArrayLike) -> MeasuringLines:

@@ -28,7 +28,7 @@ from app.errors import InvalidContent, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, parse_component
 from app.geometry.measuring_line import MeasuringLines
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.stated_numbers import (
     as_point,
     as_standard_deviation,
@@ -59,8 +59,8 @@ class DriftState:
     tables: tuple[ComponentTable, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ThermalDrift:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ThermalDrift(Evaluated):
     """A drift test's evaluation.
 
     Parameters
@@ -86,7 +86,6 @@ class ThermalDrift:
     components: Mapping[str, str]
     stated_components: frozenset[str]
     states: tuple[DriftState, ...]
-    result: MeasurementResult
 
 
 def evaluate_thermal_drift(
@@ -183,14 +182,14 @@ def evaluate_thermal_drift(
         for time_s in moments
     )
     return ThermalDrift(
-        test,
-        nest.targets_mm,
-        courses,
-        running,
-        counted_as,
-        frozenset(components or ()),
-        states,
-        MeasurementResult(
+        test=test,
+        targets_mm=nest.targets_mm,
+        courses=courses,
+        running_s=running,
+        components=counted_as,
+        stated_components=frozenset(components or ()),
+        states=states,
+        result=MeasurementResult(
             tables=states[-1].tables,
             figures=_figures(test, nest.targets_mm, courses, running),
             notes=tuple(_notes(chain, test, nest, courses, running, counted_as, point)),

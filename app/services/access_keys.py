@@ -10,6 +10,7 @@ from threading import Lock
 from time import monotonic
 from typing import Final
 
+from pydantic import Field
 from sqlalchemy.orm import Session
 
 from app.access.authorization import as_service
@@ -25,6 +26,7 @@ from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
 from app.events.event import EventKind
 from app.services.background import Background
 from app.services.context import Context, repeated, utc_now
+from app.stated import Name, Schema
 from app.storage.access_keys import (
     StoredKey,
     add_browser,
@@ -54,6 +56,26 @@ USE_NOTED_EVERY: Final = timedelta(minutes=1)
 
 FIRST_KEY: Final = "admin"
 """Name of the key that a service makes for itself."""
+
+
+class KeyRequest(Schema):
+    """A key that is to be made."""
+
+    name: str = Field(
+        description="Whose it is: 1 to 64 letters, digits, dots, hyphens and underscores",
+        examples=["line-3"],
+    )
+    role: Role = Field(
+        description="`sensor` sends readings, `viewer` reads and computes, `metrologist` does "
+        "both and changes models, `admin` makes machines and keys too"
+    )
+    machines: list[Name] | None = Field(
+        default=None,
+        max_length=10_000,
+        description="Ids of the machines that it is for, one or more; null for all, also those "
+        "that are made later. An admin is for all",
+        examples=[["mcfv5050"]],
+    )
 
 
 @repeated

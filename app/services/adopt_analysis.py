@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
 
 from app.effects.adopted.carry_over import without_replaced
-from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.effect import Effect, Provenance, effect_from_json
 from app.effects.past import sensors_of
 from app.effects.registry import do_the_same, explain, kind_of
@@ -29,7 +30,8 @@ from app.services.change_model import (
 )
 from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects
-from app.services.models import Preview, preview_draft
+from app.services.models import ChangedModelAnswer, Preview, changed_model, preview_draft
+from app.stated import Integer, Schema, YesOrNo
 from app.storage.analyses import find_analysis
 from app.storage.analysis_results import RESULTS
 from app.storage.model_versions import find_version
@@ -38,25 +40,35 @@ from app.storage.tables import AnalysisRow
 from app.thermal.machine import Machine
 
 
+class AdoptionRequest(Schema):
+    """Which of the effects that an analysis found go into the model."""
+
+    effects: Annotated[list[Integer], Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Places in the result's list of effects, from 0, whatever is known of them; "
+        "where it is left out, those that help (`helps`)",
+        examples=[[0, 1]],
+    )
+    onto_active: YesOrNo = Field(
+        False,
+        description="Whether to add them to the active version where that is no longer the one "
+        "that was analysed: they were found on another model, so look at its residuals after",
+    )
+
+
 @repeated
 def adopt_analysis(
     context: Context,
     machine_id: str,
     analysis_id: int,
-    places: Sequence[int] | None = None,
+    adoption: AdoptionRequest,
     *,
-    onto_active: bool = False,
     accept_losses: bool = False,
-) -> MadeVersion:
+) -> ChangedModelAnswer:
     """Make the next model version with the effects that an analysis found, once.
 
-    Parameters
-    ----------
-    places
-        Places in the result's list of effects; None: those that help. Effects that the version
-        has are then replaced by what they are refitted to beside them; beside others they stay.
-    onto_active
-        Whether to add them to the active version where another one was analysed.
+    Where no place is named, effects that the version has are replaced by what they are refitted to
+    beside those that help; beside others they stay.
 
     Raises
     ------
@@ -69,7 +81,7 @@ def adopt_analysis(
     """
     with changing_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
-        chosen = _chosen(change, row, places, onto_active=onto_active)
+        chosen = _chosen(change, row, adoption)
         new_version = version_with_effects(
             *(context, change, chosen.effects, chosen.reason),
             refitted=chosen.refitted,
@@ -77,16 +89,11 @@ def adopt_analysis(
         )
         row.adopted_version = new_version.version.version
         row.confirmed = chosen.left_out
-    return new_version
+    return changed_model(new_version)
 
 
 def preview_adoption(
-    context: Context,
-    machine_id: str,
-    analysis_id: int,
-    places: Sequence[int] | None = None,
-    *,
-    onto_active: bool = False,
+    context: Context, machine_id: str, analysis_id: int, adoption: AdoptionRequest
 ) -> Preview:
     """Say what adopting effects would do to the tables, and change nothing.
 
@@ -97,7 +104,7 @@ def preview_adoption(
     """
     with reading_machine(context, machine_id) as change:
         row = find_analysis(change.session, machine_id, analysis_id, result=True)
-        chosen = _chosen(change, row, places, onto_active=onto_active)
+        chosen = _chosen(change, row, adoption)
         draft = _draft(change, chosen.effects, chosen.reason, chosen.refitted)
         return preview_draft(context, change, draft)
 
@@ -114,13 +121,11 @@ class _Chosen(NamedTuple):
     reason: str
 
 
-def _chosen(
-    change: MachineChange, row: AnalysisRow, places: Sequence[int] | None, *, onto_active: bool
-) -> _Chosen:
-    result = _result(row)
+def _chosen(change: MachineChange, row: AnalysisRow, adoption: AdoptionRequest) -> _Chosen:
+    result, places = _result(row), adoption.effects
     chosen = _helping(row, result) if places is None else places
     effects = _effects(row, result, chosen)
-    if not onto_active:
+    if not adoption.onto_active:
         _check_active(change, row)
     _check_unlike(change, row, effects)
     left_out = [
@@ -196,8 +201,7 @@ def version_with_effects(
     """
     waiting = change.waiting
     draft = _draft(change, effects, reason, refitted)
-    after = ModelWithEffects(draft.model, draft.effects)
-    waits = not accept_losses and difference_to_active(context, change, after).loses
+    waits = not accept_losses and difference_to_active(context, change, draft.effective).loses
     if waiting is not None and waits:
         in_waiting = without_replaced(adopted_effects(waiting), effects)
         together = effects_after(in_waiting, refitted, effects)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import ConfigDict, Field
 from sqlalchemy.orm import Session
 
 from app.answer import fields_of
@@ -30,15 +31,19 @@ from app.services.change_model import choose_version
 from app.services.context import Context, QueueLimits, repeated
 from app.services.events import note_analysis
 from app.services.load_machine import adopted_effects
+from app.services.observations import Planned
 from app.services.report_head import ReportHead
 from app.services.residuals import (
     SEARCHED_BACK,
+    ChosenVerifications,
+    VerificationIds,
     chosen_verifications,
     first_and_last,
     load_campaign,
     read_verifications,
 )
 from app.services.verifications import check_places
+from app.stated import Integer, Name, Number, Schema
 from app.storage.analyses import cancel_analysis as cancel_stored
 from app.storage.analyses import (
     count_waiting,
@@ -52,7 +57,12 @@ from app.storage.job_queue import hand_out
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import find_version
 from app.storage.readings import newest_time
-from app.storage.records import AnalysisStatus, AnalysisTask, StoredAnalysis
+from app.storage.records import (
+    LARGEST_INTEGER,
+    AnalysisStatus,
+    AnalysisTask,
+    StoredAnalysis,
+)
 from app.storage.verifications import find_verification, list_verifications
 
 MOST_PLANNED: Final = 20_000
@@ -62,21 +72,83 @@ STANDING_IN: Final = timedelta(days=14)
 """Recorded days that stand for days to come, back from the newest reading."""
 
 
-def plan_analysis(
-    context: Context,
-    machine_id: str,
-    planned: Sequence[Verification],
-    verification_ids: Sequence[int] = (),
-) -> Plan:
-    """Plan an analysis of the active version.
+class AnalysisRequest(Schema):
+    """What the active model is compared with, and which effects are looked for."""
 
-    Parameters
-    ----------
-    planned
-        What is to be measured; values are not looked at. Times to come are planned on
-        recorded days.
-    verification_ids
-        Stored verifications that would be analysed beside them.
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"verifications": [1, 2, 3], "holdout_fraction": 0.3}}
+    )
+
+    verifications: ChosenVerifications = None
+    holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
+        0.3, description="Share of the visits that take no part in the search, below 0.9"
+    )
+    effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
+        None,
+        description="Kinds of effects to look for; all of them where it is left out",
+        examples=[["thermal-lag", "backlash"]],
+    )
+    seed: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
+        0, description="Seed of all random draws: the same data and seed give the same answer"
+    )
+
+
+class PlanRequest(Schema):
+    """What is to be measured, and which stored verifications would be analysed beside it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "planned": [
+                    {
+                        "observations": [
+                            {"time": "2026-03-09T06:00:00Z", "component": "EXX", "position_mm": 250}
+                        ]
+                    }
+                ]
+            }
+        }
+    )
+
+    planned: Annotated[Planned, Field(max_length=1000)] = Field(
+        default_factory=list, description="What is to be measured, visit by visit"
+    )
+    verifications: Annotated[list[Integer], Field(max_length=10_000)] = Field(
+        default_factory=list, description="Numbers of stored verifications"
+    )
+
+
+class TriedEffectRequest(Schema):
+    """An effect that an analysis found, and the machine on which it is tried."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "machine": "vmc-1",
+                "analysis": 3,
+                "effect": 0,
+                "on": "vmc-2",
+                "verifications": [1, 2, 3],
+                "tried_together": 4,
+            }
+        }
+    )
+
+    machine: Name = Field(description="The machine on which it was found")
+    analysis: Integer = Field(description="Number of the analysis that found it")
+    effect: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(
+        description="Which of its effects, from 0"
+    )
+    on: Name = Field(description="The machine on which it is tried, with its active model")
+    verifications: VerificationIds = Field(description="Numbers of that machine's verifications")
+    tried_together: Annotated[Integer, Field(ge=1, le=LARGEST_INTEGER)] = Field(
+        1,
+        description="Number of machines on which effects are tried in all: thresholds rise with it",
+    )
+
+
+def plan_analysis(context: Context, machine_id: str, request: PlanRequest) -> Plan:
+    """Plan an analysis of the active version; times to come are planned on recorded days.
 
     Raises
     ------
@@ -88,12 +160,13 @@ def plan_analysis(
     """
     with context.database.reading() as session:
         machine, version = choose_version(session, machine_id)
-        for i, verification in enumerate(planned):
+        for i, verification in enumerate(request.planned):
             try:
                 check_places(machine, verification.observations)
             except InvalidContent as error:
                 raise error.inside(f"planned.{i}") from None
-        every = [*read_verifications(session, machine_id, verification_ids), *planned]
+        stored = read_verifications(session, machine_id, request.verifications)
+        every = [*stored, *request.planned]
         count = sum(len(v.observations) for v in every)
         if not 0 < count <= MOST_PLANNED:
             raise InvalidContent.of_field(
@@ -119,27 +192,8 @@ def _recorded_days(
 
 
 @repeated
-def request_analysis(
-    context: Context,
-    machine_id: str,
-    verification_ids: Sequence[int] | None,
-    *,
-    holdout_fraction: float,
-    kinds: Sequence[str] | None,
-    seed: int,
-) -> StoredAnalysis:
+def request_analysis(context: Context, machine_id: str, request: AnalysisRequest) -> StoredAnalysis:
     """Put an analysis of the active model version at the end of the queue.
-
-    Parameters
-    ----------
-    verification_ids
-        What the model is held against; None: all verifications that are stored now.
-    holdout_fraction
-        Share of the visits that take no part in the search, between 0 and 1.
-    kinds
-        Kinds of effects that are tested; None: all.
-    seed
-        Of everything that is drawn: the same again gives the same answer.
 
     Raises
     ------
@@ -151,16 +205,17 @@ def request_analysis(
     MachineQueueFull, QueueFull
         If as many analyses wait as may, of the machine or in all.
     """
+    kinds = request.effects
     for kind in kinds or ():
         kind_of(kind)
     expect_each_once("effects", kinds or ())
     with context.database.writing() as session:
         find_machine(session, machine_id, RowLock.CHANGED)
         _, version = choose_version(session, machine_id)
-        chosen = chosen_verifications(session, machine_id, verification_ids)
+        chosen = chosen_verifications(session, machine_id, request.verifications)
         for verification_id in chosen:
             find_verification(session, machine_id, verification_id)
-        task = AnalysisTask(version.version, chosen, holdout_fraction, kinds, seed)
+        task = AnalysisTask(version.version, chosen, request.holdout_fraction, kinds, request.seed)
         return queue_analysis(context, session, machine_id, task)
 
 
@@ -181,23 +236,8 @@ def queue_analysis(
     return queued
 
 
-def try_found_effect(
-    context: Context,
-    found_on: str,
-    analysis_id: int,
-    place: int,
-    machine_id: str,
-    verification_ids: Sequence[int],
-    tried_together: int,
-) -> TriedEffect:
+def try_found_effect(context: Context, request: TriedEffectRequest) -> TriedEffect:
     """Hold an effect that was found on one machine, as it stands, against another one.
-
-    Parameters
-    ----------
-    found_on, analysis_id, place
-        The machine, its analysis, and which of its effects, from 0.
-    tried_together
-        On how many machines effects are tried in all.
 
     Raises
     ------
@@ -206,26 +246,27 @@ def try_found_effect(
     Conflict
         If the analysis has no result, or the machine no model yet.
     """
-    expect_each_once("verifications", verification_ids)
-    if machine_id == found_on:
+    found_on, number, place = request.machine, request.analysis, request.effect
+    expect_each_once("verifications", request.verifications)
+    if request.on == found_on:
         raise InvalidContent.of_field(
             "on", f"expected a machine other than {found_on!r}, on which it was found, got the same"
         )
     with context.database.reading() as session:
         find_machine(session, found_on)
-        row = find_analysis(session, found_on, analysis_id, result=True)
+        row = find_analysis(session, found_on, number, result=True)
         if row.result is None:
-            raise Conflict(f"analysis {analysis_id} has found nothing yet: it is {row.status}")
+            raise Conflict(f"analysis {number} has found nothing yet: it is {row.status}")
         effects = RESULTS.read_text(row.result).effects
         if place >= len(effects):
             existing = existing_names(str(i) for i in range(len(effects)))
-            raise UnknownThing(f"analysis {analysis_id} has no effect {place}; {existing}")
-        machine, version = choose_version(session, machine_id)
-        verifications = read_verifications(session, machine_id, verification_ids)
+            raise UnknownThing(f"analysis {number} has no effect {place}; {existing}")
+        machine, version = choose_version(session, request.on)
+        verifications = read_verifications(session, request.on, request.verifications)
         campaign = load_campaign(
             session, machine, version, verifications, context.usable_until(), searching=True
         )
-    return try_effect(campaign, effects[place].effect, tried_together)
+    return try_effect(campaign, effects[place].effect, request.tried_together)
 
 
 def _expect_room(session: Session, machine_id: str, limits: QueueLimits) -> None:

@@ -32,9 +32,14 @@ from app.effects.effect import Effect
 from app.errors import Conflict, StorageUnavailable, UnknownThing
 from app.events.event import EventKind
 from app.services.context import Context
-from app.services.load_machine import adopted_effects, compile_version, live_model, restore_past
+from app.services.load_machine import (
+    adopted_effects,
+    compile_version,
+    effective_model,
+    live_model,
+    restore_past,
+)
 from app.services.note_watch import noting_watch
-from app.stated import Schema
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import (
@@ -49,7 +54,6 @@ from app.storage.news import NewsKind, tell
 from app.storage.records import ModelVersion, StoredMap
 from app.storage.tables import MachineRow
 from app.thermal.compile_model import compile_model
-from app.thermal.compiled_model import CompiledModel
 from app.thermal.machine import Machine
 
 
@@ -87,9 +91,8 @@ class Draft:
 
     maps: Sequence[StoredMap]
     assignment: Mapping[str, str]
-    effects: Sequence[Effect]
     reason: str
-    model: CompiledModel
+    effective: ModelWithEffects
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,31 +117,25 @@ class WaitedBefore(Answer, published_as="WaitedBeforeAnswer"):
     """Which of the version's `loses` are its doing; the others are new"""
 
 
-class ModelChange(Schema):
+@dataclass(frozen=True, kw_only=True)
+class ModelChange(Answer, whole=False):
     """Which version was made, and whether tables are computed with it."""
 
-    model_version: int | None = Field(None, description="The version that was made", examples=[4])
-    activated: bool | None = Field(
-        None,
-        description="Whether it is active; a version that loses something waits until somebody "
-        "activates it, and the next ones are made of it",
-    )
-    loses: Sequence[Part] = Field(
-        default_factory=list,
-        description="What its tables lack against those of the version active before",
-    )
-    gains: Sequence[Part] = Field(
-        default_factory=list, description="What its tables have beyond those"
-    )
-    next_step: str | None = Field(
-        None, description="How to activate it all the same; null where it is active"
-    )
-    waited_before: WaitedBefore | None = Field(
-        None, description="What waited already; null where nothing did"
-    )
-    stays_active: int | None = Field(
-        None, description="The version that stays active while this one waits; null where it is"
-    )
+    model_version: Annotated[int | None, Field(examples=[4])] = None
+    """The version that was made"""
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it"""
+    loses: Sequence[Part] = ()
+    """What its tables lack against those of the version active before"""
+    gains: Sequence[Part] = ()
+    """What its tables have beyond those"""
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+    waited_before: WaitedBefore | None = None
+    """What waited already; null where nothing did"""
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,15 +255,14 @@ def draft_version(
             new_maps = [stored.error_map for stored in stored_maps if stored.id not in map_ids]
             before = compile_version(machine, base)
             effects, notes = carry_over(effects, Change(before, model, error_maps, new_maps))
-    return Draft(stored_maps, full, effects, "; ".join([reason, *notes]), model)
+    return Draft(stored_maps, full, "; ".join([reason, *notes]), ModelWithEffects(model, effects))
 
 
 def difference_to_active(
     context: Context, change: MachineChange, after: ModelWithEffects
 ) -> ModelDifference:
     """Say what a model lacks against the active one, and what it has beyond it."""
-    active = change.version
-    before = ModelWithEffects(compile_version(change.machine, active), adopted_effects(active))
+    before = effective_model(change.machine, change.version)
     return model_difference(before, after, _known_states(context, change.row.id))
 
 
@@ -277,8 +273,7 @@ def waited_before(
     active, waiting = change.version, change.waiting
     if active is None or waiting is None:
         return None
-    model = compile_version(change.machine, waiting)
-    after = ModelWithEffects(model, adopted_effects(waiting))
+    after = effective_model(change.machine, waiting)
     map_ids = {stored.id for stored in active.maps}
     lost = difference_to_active(context, change, after).loses
     return WaitedBefore(
@@ -307,14 +302,14 @@ def make_version(
     accept_losses
         Whether it is activated whatever it loses.
     """
-    difference = difference_to_active(context, change, ModelWithEffects(draft.model, draft.effects))
+    difference = difference_to_active(context, change, draft.effective)
     before = waited_before(context, change, difference.loses)
     version = insert_version(
         change.session,
         change.row,
         [stored.id for stored in draft.maps],
         draft.assignment,
-        [effect.to_json() for effect in draft.effects],
+        [effect.to_json() for effect in draft.effective.effects],
         draft.reason,
         context.now(),
     )
@@ -366,9 +361,7 @@ def activate_waiting(
     waiting = change.waiting
     if waiting is None:
         return None
-    model = compile_version(change.machine, waiting)
-    after = ModelWithEffects(model, adopted_effects(waiting))
-    difference = difference_to_active(context, change, after)
+    difference = difference_to_active(context, change, effective_model(change.machine, waiting))
     if accept_losses:
         was_active = change.row.active_version
         activate_version(change.row, waiting.version)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from app.answer import fields_of
 from app.arrays import FloatArray
 from app.errors import Conflict, FieldError, InvalidContent, list_names
 from app.geometry.components import COMPONENTS
@@ -15,6 +19,7 @@ from app.services.change_model import (
     Draft,
     MachineChange,
     MadeVersion,
+    ModelChange,
     activate_waiting,
     changing_machine,
     draft_version,
@@ -23,7 +28,7 @@ from app.services.change_model import (
     remake_waiting,
 )
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
-from app.services.models import Preview, preview_draft, preview_latest, preview_unchanged
+from app.services.models import Preview, preview_draft, preview_stored
 from app.services.recorded_change import temperatures_then
 from app.storage.error_maps import (
     find_error_map,
@@ -47,6 +52,49 @@ from app.units import Unit
 
 SHORT_SHARE_OF_TRAVEL = 0.1
 """A table that covers less than this share of its axis' travel is remarkable."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ErrorMapAnswer(ErrorMap, ModelChange, whole=False):
+    """A stored error map."""
+
+    id: Annotated[int, Field(examples=[1])]
+    """The map's number"""
+    stored_at: datetime
+    """When it was stored, UTC"""
+    in_active_model: bool
+    """Whether the active model version contains it"""
+    warnings: Sequence[str] = ()
+    """What is unusual about it"""
+
+
+def map_answer(
+    stored: StoredMap,
+    in_active_model: bool,
+    warnings: Sequence[str] = (),
+    change: ModelChange | None = None,
+) -> ErrorMapAnswer:
+    """Show a stored map, and the version that was made with it."""
+    return ErrorMapAnswer(
+        **fields_of(stored.error_map),
+        **fields_of(change or ModelChange(activated=in_active_model)),
+        id=stored.id,
+        stored_at=stored.stored_at,
+        in_active_model=in_active_model,
+        warnings=warnings,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MapPreview(Preview, whole=False):
+    """What was read as a map, and what storing it would do to the tables; nothing is stored."""
+
+    label: Annotated[str, Field(examples=["Run #7"])]
+    """The map's name"""
+    components: Annotated[Sequence[str], Field(examples=[["EXX"]])]
+    """Codes of its components"""
+    read: Sequence[str]
+    """What was read of the file, in lines of text"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +177,8 @@ def preview_error_map(context: Context, machine_id: str, error_map: ErrorMap) ->
     """
     with reading_machine(context, machine_id) as change:
         if _same_map(change, error_map) is not None:
-            known = preview_latest(context, change, f"map {error_map.label!r} is there already")
+            reason = f"map {error_map.label!r} is there already"
+            known = preview_stored(context, change, reason, change.latest)
             is_there = known.waited_before is None  # else storing it again may activate it
             return replace(known, is_there=is_there, warnings=_remarks(change, error_map))
         _check(context, change, error_map)
@@ -397,7 +446,7 @@ def preview_withdrawal(context: Context, machine_id: str, map_id: int) -> Previe
         draft = _without(change, row)
         if draft is None:
             reason = f"map {row.label!r} deleted, which the active model does not have"
-            return preview_unchanged(context, change, reason)
+            return preview_stored(context, change, reason, change.version)
         return preview_draft(context, change, draft, activates=True)
 
 

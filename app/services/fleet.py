@@ -19,7 +19,12 @@ from app.effects.registry import kind_of
 from app.errors import QueueFull, ThermapError, expect_each_once
 from app.identification.analysis.tried_effect import TriedEffect
 from app.identification.fleet import FleetJudgement, Likeness, Member, Trial, judge_fleet, trials
-from app.services.analyses import cancel_analysis, queue_analysis, try_found_effect
+from app.services.analyses import (
+    TriedEffectRequest,
+    cancel_analysis,
+    queue_analysis,
+    try_found_effect,
+)
 from app.services.context import Context, repeated
 from app.stated import Number, Schema
 from app.storage.analyses import find_analysis, list_analyses
@@ -288,14 +293,14 @@ def _judged(session: Session, stored: StoredMachine, one: FleetMember, watch: st
 def _try(context: Context, trial: Trial, on: FleetMember, together: int) -> TriedEffect | None:
     """Try an effect; None where the sister or the analysis was changed meanwhile."""
     try:
-        return try_found_effect(
-            context,
-            trial.machine,
-            trial.analysis,
-            trial.effect,
-            trial.on,
-            on.verifications,
-            together,
+        request = TriedEffectRequest(
+            machine=trial.machine,
+            analysis=trial.analysis,
+            effect=trial.effect,
+            on=trial.on,
+            verifications=list(on.verifications),
+            tried_together=together,
         )
+        return try_found_effect(context, request)
     except ThermapError:
         return None

@@ -17,7 +17,8 @@ from app.events.event import Event, EventKind
 from app.geometry.components import Component, parse_component
 from app.services.context import Context
 from app.services.loop import show_left_of_check
-from app.services.predictions import ErrorQuestion, predict_errors
+from app.services.observations import ErrorQuestion
+from app.services.predictions import predict_errors
 from app.storage.events import list_events
 from app.storage.machines import find_machine, stored_machine
 from app.storage.readings import newest_id

@@ -7,6 +7,7 @@ from datetime import timedelta
 from sqlalchemy.orm import Session
 
 from app.access.authorization import as_service
+from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.effect import Effect, effect_from_json
 from app.errors import Conflict, UnknownThing
 from app.live.reading_window import MOST_AHEAD, kept_spacing_s
@@ -82,6 +83,11 @@ def compile_version(machine: Machine, version: ModelVersion | None) -> CompiledM
         return compile_model(machine, [m.error_map for m in version.maps], version.assignment)
     except UnknownThing as unknown:
         raise Conflict(f"model version {version.version}: {unknown.detail}") from None
+
+
+def effective_model(machine: Machine, version: ModelVersion | None) -> ModelWithEffects:
+    """Compile a version with the effects that it has adopted, as `compile_version`."""
+    return ModelWithEffects(compile_version(machine, version), adopted_effects(version))
 
 
 @as_service()

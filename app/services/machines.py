@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from sqlalchemy.exc import IntegrityError
 
-from app.answer import Answer, shown
-from app.effects.adopted.model_difference import ModelWithEffects
+from app.answer import Answer, fields_of, shown
 from app.effects.past import sensors_of
-from app.errors import Conflict, StorageUnavailable, list_names
+from app.errors import Conflict, InvalidContent, StorageUnavailable, list_names
 from app.events.event import EventKind
-from app.geometry.components import COMPONENTS, ORDER
+from app.geometry.components import COMPONENTS
 from app.live.database_watch import TroubleKind
 from app.live.registry import Arrived
 from app.services.access_keys import unbind_keys
 from app.services.change_model import MachineChange, changing_machine
 from app.services.context import Context, repeated
 from app.services.load_machine import adopted_effects, as_live, compile_version
+from app.stated import Name, Schema
 from app.storage.condition import free_bytes
 from app.storage.error_maps import find_error_map, list_error_maps, stored_map
 from app.storage.events import end_all_passing, write_event
@@ -36,13 +36,87 @@ from app.storage.machines import (
     stored_machine,
     update_machine,
 )
-from app.storage.model_versions import active_version, find_version, list_versions
+from app.storage.model_versions import active_version
 from app.storage.news import NewsKind, tell
 from app.storage.readings import WithdrawnReading, list_readings, list_withdrawn
 from app.storage.records import ModelVersion, StoredMachine, StoredMap
 from app.storage.watches import watch_status, watch_statuses
-from app.thermal.machine import Machine
+from app.thermal.machine import (
+    EXAMPLE,
+    MACHINE,
+    ErrorRatio,
+    Machine,
+    Margin,
+    OutOfRange,
+    SameTemperature,
+    StatedSensors,
+    Travel,
+)
 from app.thermal.reading import Reading
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineAnswer(Machine, whole=False, example=EXAMPLE):
+    """A machine as it is stored."""
+
+    active_model: int | None
+    """Active model version, null before the first map"""
+    waiting_model: int | None = None
+    """Version that has all that was stored and waits for its activation, because tables would lose
+    something; null where none waits"""
+    created_at: datetime
+    """When it was created, UTC"""
+    watch: str | None = None
+    """What the last verifications say of the active model: `within` or `beyond` its limits
+    (…/watch says more); null where none was judged"""
+
+
+def machine_answer(stored: StoredMachine) -> MachineAnswer:
+    """Show a stored machine."""
+    return MachineAnswer(
+        **fields_of(stored.machine),
+        active_model=stored.active_version,
+        waiting_model=stored.waiting_version,
+        created_at=stored.created_at,
+        watch=stored.watch,
+    )
+
+
+class MachinePatch(Schema):
+    """The settings to change; lists are replaced whole, axes one by one (RFC 7396)."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"out_of_range": "extrapolate"}})
+
+    name: Name | None = Field(None, description="Name for people")
+    serial_number: Name | None = Field(None, description="Serial number; null removes it")
+    configuration: str | None = Field(None, description="Kinematic chain", examples=["XYFZ"])
+    axes: dict[str, Travel | None] | None = Field(
+        None, description="Travels to change [mm]; null removes one"
+    )
+    sensors: StatedSensors | None = Field(None, description="All sensors, replacing the old")
+    out_of_range: OutOfRange | None = Field(None, description="Policy outside the maps")
+    extrapolation_margin_c: Margin | None = Field(
+        None, description="How far `extrapolate` may go [°C]"
+    )
+    extrapolation_error_ratio: ErrorRatio | None = Field(
+        None, description="How uncertain `extrapolate` may become, in times of the maps' own"
+    )
+    same_temperature: SameTemperature | None = Field(
+        None, description="Policy for maps at one temperature"
+    )
+
+    def apply(self, machine: Machine) -> Machine:
+        """Merge into a machine's present settings; InvalidContent where null makes no sense."""
+        present = MACHINE.dump_python(machine)
+        for field in self.model_fields_set:
+            value = getattr(self, field)
+            if value is None and field != "serial_number":
+                raise InvalidContent.of_field(field, "expected a value, got null")
+            if field == "axes":
+                merged = {**present["axes"], **{a.lower(): t for a, t in value.items()}}
+                value = {axis: travel for axis, travel in merged.items() if travel is not None}
+            present[field] = value
+        return MACHINE.validate_python(present)
 
 
 @repeated
@@ -102,53 +176,6 @@ def show_error_map(context: Context, machine_id: str, map_id: int) -> tuple[Stor
         error_map = stored_map(find_error_map(session, machine_id, map_id))
         version = active_version(session, row)
         return error_map, bool(version and any(m.id == map_id for m in version.maps))
-
-
-def show_models(
-    context: Context, machine_id: str
-) -> tuple[list[ModelVersion], int | None, int | None]:
-    """List a machine's model versions, and the numbers of the active and of the waiting one."""
-    with context.database.reading() as session:
-        row = find_machine(session, machine_id)
-        return list_versions(session, machine_id), row.active_version, row.waiting_version
-
-
-def show_model(
-    context: Context, machine_id: str, version: int
-) -> tuple[ModelVersion, int | None, int | None]:
-    """Read one model version, and the numbers of the active and of the waiting one."""
-    with context.database.reading() as session:
-        row = find_machine(session, machine_id)
-        model_version = find_version(session, machine_id, version)
-        return model_version, row.active_version, row.waiting_version
-
-
-@dataclass(frozen=True, slots=True)
-class ModelCoverage(Answer, published_as="ModelCoverageAnswer"):
-    """Which components the tables of a version have."""
-
-    model_version: Annotated[int, Field(examples=[3])]
-    """Number of the version"""
-    components: Annotated[Sequence[str], Field(examples=[["EXX", "EZZ"]])]
-    """Components of its tables"""
-    omitted: Annotated[Mapping[str, str], Field(examples=[{"EYY": "no sensor is assigned to it"}])]
-    """Component of its maps that no table has, to the reason"""
-
-
-def show_coverage(context: Context, machine_id: str, version: int) -> ModelCoverage:
-    """Compile a version, to see which components its tables have.
-
-    Raises
-    ------
-    InvalidContent, Conflict
-        If the machine's present sensors no longer fit it.
-    """
-    with context.database.reading() as session:
-        machine = stored_machine(find_machine(session, machine_id)).machine
-        model_version = find_version(session, machine_id, version)
-    model = compile_version(machine, model_version)
-    codes = ModelWithEffects(model, adopted_effects(model_version)).codes
-    return ModelCoverage(version, sorted(codes, key=ORDER.__getitem__), model.omitted)
 
 
 def show_readings(

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.services.context import Context
-from app.services.machines import show_models
 from app.services.models import PresentChange, compare_now
 from app.services.status import machine_in_memory, status_of, stored_of_machines
 from app.status.machine_status import MachineStatus
+from app.storage.machines import find_machine
+from app.storage.model_versions import list_versions
 from app.storage.records import ModelVersion
 
 
@@ -49,7 +50,10 @@ def show_maps_view(
     live = machine_in_memory(context, machine_id)
     status = status_of(context, live, stored_of_machines(context))
     sensors = tuple(live.current.model.machine.sensors)
-    versions, active, waiting = show_models(context, machine_id)
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        active, waiting = row.active_version, row.waiting_version
+        versions = list_versions(session, machine_id)
     numbers = [version.version for version in versions]
     if active is None or len(numbers) < 2:
         return MapsView(status, sensors, versions, active, waiting)

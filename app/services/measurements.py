@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
+from app.answer import fields_of
 from app.errors import FieldError, InvalidContent, counted, list_names
+from app.field_errors import way_of
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated, MeasurementResult
 from app.measurement.step_diagonal_readings import step_diagonal_readings
 from app.rounding import Digits
 from app.services.ask_field import AnswerHead, FieldQuestion, Triple, ask_field, work_volume
+from app.services.change_model import ModelChange
 from app.services.context import Context
 from app.services.error_maps import (
     StoredOnce,
@@ -25,11 +28,32 @@ from app.services.error_maps import (
 )
 from app.services.load_machine import load_machine
 from app.services.models import Preview
-from app.stated import Integer, Name, Number, Point, Schema, Temperatures, UtcTime
-from app.thermal.error_map import ErrorMap
+from app.stated import Integer, Millimetres, Name, Number, Point, Schema, Temperatures, UtcTime
+from app.thermal.error_map import ComputedTables, ErrorMap, ShownLines
 from app.thermal.machine import Machine, Travel
 
 Repeatability = Annotated[Number, Field(gt=0)]
+Axis = Literal["x", "y", "z"]
+MOST_POSITIONS: Final = 2000
+"""Of one measurement: the covariance of its errors has the square of that."""
+
+Readings = Annotated[list[Number], Field(min_length=1, max_length=MOST_POSITIONS)]
+MeasuredPositions = Annotated[list[Millimetres], Field(min_length=1, max_length=MOST_POSITIONS)]
+
+
+def _one_or_more(value: object) -> str:
+    several = isinstance(value, list) and value and isinstance(value[0], list)
+    return way_of("more") if several else way_of("one")
+
+
+Runs = Annotated[
+    Annotated[Readings, Tag(way_of("one"))]
+    | Annotated[
+        Annotated[list[Readings], Field(min_length=1, max_length=1000)], Tag(way_of("more"))
+    ],
+    Discriminator(_one_or_more),
+]
+"""One run, or a list of runs, over the positions."""
 
 
 class MeasurementRequest(Schema):
@@ -50,16 +74,35 @@ class MeasurementRequest(Schema):
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """A measurement's result, and the map that was made of it, or what storing it would do."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasurementAnswer(Evaluated, ModelChange):
+    """What a measurement yields."""
 
-    machine: Machine
-    method: str
-    result: MeasurementResult
-    stored: StoredOnce | None
-    remarks: Sequence[str]
+    machine: Annotated[str, Field(examples=["mcfv5050"])]
+    """The machine's id"""
+    method: Annotated[str, Field(examples=["step-diagonal"])]
+    """How it was measured"""
+    label: Annotated[str | None, Field(examples=["Run #1"])]
+    """The name of its map, where one was stated"""
+    stored: bool
+    """Whether an error map was made of it"""
+    map_id: Annotated[int | None, Field(examples=[7])]
+    """That map's number"""
+    is_new: bool
+    """False where the same map was there already, or none"""
+    tables: Annotated[ComputedTables, Field(alias="components")]
+    """The components with their standard errors"""
+    figures: Annotated[Mapping[str, Digits], Field(examples=[{"closure_rms_um": 0.31}])]
+    """Figures of quality and of the method's standard, by names that end in the unit, such as
+    closure_rms_um [µm]"""
+    notes: Sequence[str]
+    """What the method cannot see, what was left out, what looks wrong"""
+    measuring_lines: Annotated[ShownLines, Field(alias="measuring_lines_mm")]
+    """Axis to the line along which its translations count as measured [mm]"""
+    warnings: Sequence[str] = ()
+    """What of its file was not read"""
     preview: Preview | None = None
+    """What storing it would do to the tables, where a preview was asked for"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +130,10 @@ def store_measurement(
     machine: Machine,
     method: str,
     header: MeasurementRequest,
-    result: MeasurementResult,
+    evaluated: Evaluated,
     storing: Storing,
-) -> Measured:
-    """Hand a result on, and store it as an error map if that is asked for.
+) -> dict[str, Any]:
+    """Store a result as an error map if that is asked for, and give the fields of its answer.
 
     Raises
     ------
@@ -98,15 +141,53 @@ def store_measurement(
         As `store_error_map`; InvalidContent also where the map's label, time or
         temperatures are not stated, or the machine lacks the measured axis.
     """
+    result, preview, stored = evaluated.result, None, None
     _check_axes(machine, result)
     if not (storing.store or storing.preview):
-        return Measured(machine, method, result, None, table_remarks(machine, result.tables))
-    error_map = map_of_result(machine, method, header, result)
-    if storing.preview:
-        preview = preview_error_map(context, machine.id, error_map)
-        return Measured(machine, method, result, None, preview.warnings, preview)
-    stored = store_error_map(context, machine.id, error_map, accept_losses=storing.accept_losses)
-    return Measured(stored.machine, method, result, stored, stored.remarks)
+        remarks: Sequence[str] = table_remarks(machine, result.tables)
+    else:
+        error_map = map_of_result(machine, method, header, result)
+        if storing.preview:
+            preview = preview_error_map(context, machine.id, error_map)
+            remarks = preview.warnings
+        else:
+            stored = store_error_map(
+                context, machine.id, error_map, accept_losses=storing.accept_losses
+            )
+            remarks = stored.remarks
+    remarks = [*remarks, *evaluated.further_notes]
+    return measurement_fields(machine.id, method, header, evaluated, remarks, stored, preview)
+
+
+def measurement_fields(
+    machine_id: str,
+    method: str,
+    header: MeasurementRequest,
+    evaluated: Evaluated,
+    remarks: Sequence[str],
+    stored: StoredOnce | None,
+    preview: Preview | None,
+) -> dict[str, Any]:
+    """Give the fields of `MeasurementAnswer`."""
+    result = evaluated.result
+    change = stored.made.change if stored is not None and stored.made else ModelChange()
+    if preview is not None:
+        change = ModelChange(activated=preview.activated, loses=preview.loses, gains=preview.gains)
+    return {
+        **fields_of(change),
+        **{name: getattr(evaluated, name) for name in ("result", "further_notes")},
+        "machine": machine_id,
+        "method": method,
+        "label": header.label,
+        "stored": stored is not None,
+        "map_id": None if stored is None else stored.stored.id,
+        "is_new": stored is not None and stored.is_new,
+        "tables": result.tables,
+        "figures": result.figures,
+        "notes": [*result.notes, *remarks],
+        "measuring_lines": result.measuring_lines,
+        "preview": preview,
+    }
 
 
 def _check_axes(machine: Machine, result: MeasurementResult) -> None:

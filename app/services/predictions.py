@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Annotated
 
 import numpy as np
@@ -25,6 +25,7 @@ from app.services.ask_field import TableQuestion, Triple, ask_field, missing_ref
 from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
+from app.services.observations import ErrorQuestion
 from app.storage.readings import list_readings
 from app.storage.records import ModelVersion
 from app.thermal.compiled_model import CompiledModel
@@ -34,25 +35,6 @@ from app.thermal.prediction import BeyondTables
 from app.thermal.reading import Reading
 from app.thermal.sensor_health import believed, record_needed_s
 from app.thermal.temperature_history import TemperatureHistory
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorQuestion:
-    """Where and when an error is asked for: one component, or a point of the work volume.
-
-    `directions` are +1 or −1 for each axis' direction of approach, 0 where it is not stated;
-    `sign` is −1 where the error is asked for under ISO's name and sign (C0Y = −SXY); `state`
-    takes precedence over what the readings say of the machine's state.
-    """
-
-    time: datetime
-    component: str | None = None
-    position_mm: float | None = None
-    point_mm: tuple[float, float, float] | None = None
-    tool_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    directions: tuple[int, int, int] = (0, 0, 0)
-    sign: int = 1
-    state: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

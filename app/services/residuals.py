@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import Field, InstanceOf
+from pydantic import ConfigDict, Field, InstanceOf
 from sqlalchemy.orm import Session
 
 from app.answer import Answer
@@ -30,6 +30,7 @@ from app.rounding import Micro
 from app.services.change_model import choose_version
 from app.services.context import Context
 from app.services.load_machine import adopted_effects, compile_version
+from app.stated import Integer, Schema
 from app.storage.readings import list_readings, newest_time
 from app.storage.records import ModelVersion
 from app.storage.verifications import find_verification, list_verifications, read_verification
@@ -40,6 +41,43 @@ from app.thermal.temperature_history import TemperatureHistory
 SEARCHED_BACK: Final = timedelta(days=3)
 """Readings before the first observation that a search takes in: an effect with a time constant
 needs five of them."""
+
+
+VerificationIds = Annotated[list[Integer], Field(min_length=1, max_length=10_000)]
+"""Numbers of verifications."""
+
+ChosenVerifications = Annotated[
+    VerificationIds | None,
+    Field(description="Numbers of the verifications; all that are stored where it is left out"),
+]
+
+
+MOST_ROWS: Final = 10_000
+
+
+class ResidualsRequest(Schema):
+    """Which verifications are compared with which version."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"verifications": [1, 2], "rows": 100}})
+
+    verifications: ChosenVerifications = None
+    model_version: Integer | None = Field(None, description="Version; the active one if not stated")
+    rows: Annotated[Integer, Field(ge=0, le=MOST_ROWS)] = Field(
+        0, description="How many single residuals are shown too; `Accept: text/csv` gives all"
+    )
+
+
+class ComparisonRequest(Schema):
+    """Versions to be compared with the same verifications."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"verifications": [1, 2], "versions": [3, 4]}}
+    )
+
+    verifications: ChosenVerifications = None
+    versions: Annotated[list[Integer], Field(min_length=1, max_length=20)] = Field(
+        description="Numbers of the versions"
+    )
 
 
 def chosen_verifications(

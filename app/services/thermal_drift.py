@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +17,7 @@ from app.errors import Conflict, InvalidContent, list_names
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS
 from app.measurement.result import MeasurementResult
 from app.measurement.thermal_drift import DriftState, ThermalDrift
+from app.rounding import Digits
 from app.search.rows import Datum
 from app.services.ask_field import Triple
 from app.services.change_model import reading_machine
@@ -27,12 +28,12 @@ from app.services.error_maps import (
     store_error_maps,
     table_remarks,
 )
-from app.services.measurements import Measured, MeasurementRequest, Storing
+from app.services.measurements import MeasurementRequest, Storing, measurement_fields
 from app.services.readings import store_readings
 from app.services.verifications import check_verification, store_verification
 from app.stated import MachineState, Number, Schema, UtcTime
 from app.storage.verifications import find_verification_by_label
-from app.thermal.error_map import ComponentTable, ErrorMap
+from app.thermal.error_map import ComputedTables, ErrorMap
 from app.thermal.machine import Machine
 from app.thermal.reading import Reading
 from app.units import SECONDS_PER_MIN, utc_time
@@ -69,15 +70,21 @@ class Nest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeptState:
-    """A thermal state of the test, and the map that was made of it."""
+class KeptState(Answer, published_as="DriftStateAnswer"):
+    """One thermal state of the test: changes since its first reading, at their temperatures."""
 
-    label: str | None
-    after_s: float
+    label: Annotated[str | None, Field(examples=["Warm-up, 60 min"])]
+    """The map's name"""
+    after_min: Digits
+    """Time after the first reading [min]"""
     time: datetime
-    temperatures_c: Mapping[str, float]
-    tables: tuple[ComponentTable, ...]
+    """When it was, UTC"""
+    temperatures_c: Mapping[str, Digits]
+    """The sensors at that time, interpolated between readings [°C]"""
+    tables: Annotated[ComputedTables, Field(alias="components")]
+    """Changes of the components since the first reading"""
     map_id: int | None = None
+    """The number of the map that was made of it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +101,6 @@ class KeptVerification(Answer, published_as="DriftVerificationAnswer"):
     """False where the same verification was there already"""
     stored_readings: int
     """Readings of temperatures that are new"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredDrift:
-    """The last state as any method's result, all states, and the verification."""
-
-    measured: Measured
-    states: Sequence[KeptState]
-    verification: KeptVerification | None
 
 
 def running_of(
@@ -131,8 +129,8 @@ def keep_drift(
     nest: Nest,
     recorded: Sequence[DriftReading],
     storing: Storing,
-) -> MeasuredDrift:
-    """Hand the evaluation on, and store what is asked for: maps of states, a verification, both.
+) -> dict[str, Any]:
+    """Store what is asked for, maps of states, a verification or both; give the answer's fields.
 
     All is checked before anything is stored. With a verification go its temperatures, as the
     machine's readings.
@@ -166,17 +164,23 @@ def keep_drift(
         about = [f"maps of its states would be refused: {refused}"]
     if (maps or verification) and _are_both(context, machine, label, states, storing, verification):
         about = [SAME_READINGS]
-    notes = [*table_remarks(machine, drift.result.tables), *about]
-    measured = Measured(machine, "thermal-drift", drift.result, None, notes)
+    remarks: Sequence[str] = table_remarks(machine, drift.result.tables)
+    preview, last = None, None
     if storing.preview:
-        notes = [*previews[-1].warnings, *about]
-        measured = replace(measured, remarks=notes, preview=previews[-1])
+        preview = previews[-1]
+        remarks = preview.warnings
     elif maps:
         stored = store_error_maps(context, machine.id, maps, accept_losses=storing.accept_losses)
         states = [replace(s, map_id=m.stored.id) for s, m in zip(states, stored, strict=True)]
-        notes = [*stored[-1].remarks, *about]
-        measured = replace(measured, remarks=notes, stored=_last_made(stored))
-    return MeasuredDrift(measured, states, stored_verification)
+        last = _last_made(stored)
+        remarks = last.remarks
+    return {
+        **measurement_fields(
+            machine.id, "thermal-drift", header, drift, [*remarks, *about], last, preview
+        ),
+        "states": states,
+        "verification": stored_verification,
+    }
 
 
 def _last_made(stored: Sequence[StoredOnce]) -> StoredOnce:
@@ -195,10 +199,10 @@ def _keep_state(
     label: str | None, state: DriftState, recorded: Sequence[DriftReading]
 ) -> KeptState:
     first_s = recorded[0].time.timestamp()
-    after_s = state.time_s - first_s
+    after_min = (state.time_s - first_s) / SECONDS_PER_MIN
     return KeptState(
-        None if label is None else f"{label}, {after_s / SECONDS_PER_MIN:g} min",
-        after_s,
+        None if label is None else f"{label}, {after_min:g} min",
+        after_min,
         utc_time(state.time_s),
         _temperatures_at(state.time_s, recorded),
         state.tables,
@@ -243,7 +247,7 @@ def _error_map(header: MeasurementRequest, state: KeptState, result: Measurement
     return ErrorMap(
         label=str(state.label),
         measured_at=state.time,
-        temperatures_c=state.temperatures_c,
+        temperatures_c=dict(state.temperatures_c),
         tables={table.component.code: table for table in state.tables},
         measuring_lines=result.measuring_lines,
         repeatability_um=header.repeatability_um,

@@ -6,17 +6,16 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 from sqlalchemy.orm import Session
 
 from app.answer import Answer
-from app.effects.adopted.model_difference import ModelWithEffects
 from app.effects.observations import Observation, Verification
 from app.errors import Conflict, InvalidContent, counted, list_names
 from app.events.event import EventKind
-from app.geometry.components import COMPONENTS
+from app.geometry.components import COMPONENTS, ORDER
 from app.identification.watch.watching import FALSE_ALARM, LIMIT, Followed, WatchState, watch
 from app.services.change_model import choose_version, no_model_yet
 from app.services.context import FUTURE_TOLERANCE, Context, repeated
@@ -25,14 +24,15 @@ from app.services.judge_verifications import (
     judge_before_showing,
     judge_verification,
 )
-from app.services.load_machine import adopted_effects, compile_version
+from app.services.load_machine import effective_model
 from app.services.note_watch import noting_watch
+from app.services.observations import MeasuredObservation
 from app.services.residuals import load_campaign, read_verifications
 from app.storage.events import write_event
 from app.storage.machines import RowLock, find_machine, stored_machine
 from app.storage.model_versions import active_version
 from app.storage.readings import newest_time
-from app.storage.records import ModelVersion, StoredVerification
+from app.storage.records import ModelVersion, StoredVerification, VerificationExtent
 from app.storage.verifications import (
     NAMES,
     find_verification,
@@ -62,6 +62,48 @@ class VerificationStoredOnce:
 
     stored: StoredVerification
     is_new: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredVerificationAnswer(StoredVerification):
+    """A verification that was stored just now, or was there already."""
+
+    warnings: Sequence[str]
+    """What may be a mistake in it, and what the active model cannot be compared with, and why"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WholeVerificationAnswer(StoredVerification):
+    """A stored verification with its observations, in the order in which they came."""
+
+    observations: Sequence[MeasuredObservation]
+    """What was measured"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerificationPreview(VerificationExtent):
+    """What was read as a verification; nothing is stored."""
+
+    preview: Literal[True] = True
+    """That nothing is stored"""
+    warnings: Sequence[str]
+    """What of it was not read, or may be a mistake"""
+    read: Sequence[str]
+    """What was read of the file, in lines of text"""
+
+
+def extent_of(verification: Verification) -> dict[str, Any]:
+    """Give the fields of `VerificationExtent`."""
+    times = [datetime.fromtimestamp(o.time_s, UTC) for o in verification.observations]
+    observed = {o.component or "points" for o in verification.observations}
+    stated = ("label", "datum", "repeatability_um", "instrument", "operator")
+    return {
+        **{name: getattr(verification, name) for name in stated},
+        "first_at": min(times),
+        "last_at": max(times),
+        "count": len(times),
+        "components": sorted(observed, key=lambda name: ORDER.get(name, len(ORDER))),
+    }
 
 
 @repeated
@@ -221,7 +263,7 @@ def _not_compared(
     """Say what of a verification a version has nothing to be compared with, and why."""
     if version is None:
         return [f"machine {machine.id!r} has no model yet: there is nothing to compare this with"]
-    effective = ModelWithEffects(compile_version(machine, version), adopted_effects(version))
+    effective = effective_model(machine, version)
     observed = {o.component for o in verification.observations}
     lacking = [code for code in COMPONENTS if code in observed and code not in effective.codes]
     omitted = effective.model.omitted

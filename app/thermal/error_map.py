@@ -1,20 +1,49 @@
-"""An error map: all error components measured in one thermal state."""
+"""An error map: all error components measured in one thermal state, as it is stated and shown."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from datetime import datetime
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import (
+    Discriminator,
+    Field,
+    PlainSerializer,
+    Tag,
+    TypeAdapter,
+    create_model,
+    model_serializer,
+)
 
+from app.answer import AS_IT_IS, Answer
 from app.arrays import FloatArray, frozen
-from app.errors import InvalidContent
-from app.geometry.components import Component, Kind
-from app.geometry.measuring_line import MeasuringLines
-from app.thermal.uncertainty import check_covariance, standard_errors_of
+from app.errors import InvalidContent, UnknownComponent
+from app.field_errors import way_of
+from app.geometry.components import COMPONENTS, Component, Kind, parse_component
+from app.geometry.measuring_line import MeasuringLine, MeasuringLines
+from app.rounding import rounded, to_digits_in, to_digits_of
+from app.stated import (
+    Name,
+    Number,
+    Numbers,
+    Point,
+    Positions,
+    Schema,
+    Temperatures,
+    UtcTime,
+    also,
+    made,
+)
+from app.thermal.uncertainty import (
+    check_covariance,
+    standard_errors_of,
+    stated_covariance,
+    without_zeros,
+)
 from app.units import UM_PER_MM, Unit
 
 LARGEST_ERROR_UM: Final = 10 * UM_PER_MM
@@ -278,25 +307,339 @@ def _first_not_finite(values: FloatArray) -> str:
     return f"{values[i]:g} (at index {i})"
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorMap:
-    """All components measured in one thermal state, with every sensor's temperature.
+def number_fields(
+    name_of: Callable[[Component], str], words: str, of_tables: Any, of_values: Any = None
+) -> dict[str, Any]:
+    """Make the fields in which components' numbers stand: their units are in their names.
 
     Parameters
     ----------
-    temperatures_c
-        Sensor name to temperature at that time [°C].
-    measuring_lines
-        Axis to the line along which its translations were measured; absent where they
-        are free of the rotations' effect.
-    repeatability_um
-        Stated repeatability of the measurement, one standard deviation [µm].
+    of_tables, of_values
+        What stands in the field of a component with positions, and of a single value; None:
+        those have none.
+
+    Returns
+    -------
+    dict
+        Field to its definition, as `create_model` takes it.
+    """
+    fields: dict[str, dict[Kind, Component]] = {}
+    for component in COMPONENTS.values():
+        if component.is_table or of_values is not None:
+            fields.setdefault(name_of(component), {})[component.kind] = component
+    return {
+        name: _number_field(
+            name, words, list(kinds), next(iter(kinds.values())), of_tables, of_values
+        )
+        for name, kinds in fields.items()
+    }
+
+
+def _number_field(
+    name: str, words: str, kinds: Sequence[Kind], one: Component, of_table: Any, of_value: Any
+) -> tuple[Any, Any]:
+    # A single value may be stated under the name that answers have for it.
+    alias = also(name, one.error_field) if name == one.input_field != one.error_field else None
+    about = f"{words}: {', '.join(kinds)} [{one.unit.symbol}]"
+    shape = of_table if one.is_table else of_value
+    return shape | None, Field(None, description=about, validation_alias=alias)
+
+
+def backward(name_of: Callable[[Component], str]) -> Callable[[Component], str]:
+    """Name the field of what was approached in the negative direction."""
+    return lambda component: f"backward_{name_of(component)}"
+
+
+_StandardError = Annotated[Number, Field(ge=0)]
+_StandardErrors = Annotated[list[_StandardError], Field(min_length=1, max_length=100_000)]
+_Covariance = Annotated[list[list[Number]], Field(min_length=1, max_length=100_000)]
+
+_ERROR = attrgetter("input_field")
+_STANDARD_ERROR = attrgetter("standard_error_field")
+
+
+class _Placed(Schema):
+    component: str = Field(
+        description="ISO 230-1 code (EXX, SXY, EYY^x) or the chapter's notation (D_x(x), S_xy)",
+        examples=["EXX"],
+    )
+    positions_mm: Positions | None = Field(
+        None,
+        description="Positions on the component's axis [mm], strictly increasing",
+        examples=[[0, 50, 100]],
+    )
+
+
+if TYPE_CHECKING:
+    _Numbers = _Placed
+else:
+    _Numbers = create_model(
+        "_Numbers",
+        __base__=_Placed,
+        **number_fields(_ERROR, "Actual minus nominal", Numbers, Number),
+        **number_fields(backward(_ERROR), "Approached in the negative direction", Numbers),
+        **number_fields(_STANDARD_ERROR, "One standard deviation", _StandardErrors, _StandardError),
+        **number_fields(backward(_STANDARD_ERROR), "Of the backward errors", _StandardErrors),
+    )
+
+
+class ComponentSchema(_Numbers):
+    """One component of a map: a table over positions, or one value.
+
+    Which field carries the numbers follows from the component: linear errors
+    `errors_um`, angular errors `errors_urad`, nonrigid slopes `slopes_um_per_m` or
+    `slopes_urad_per_m`, squareness `value_um_per_m` (E_x = SXY·y), rotary-axis locations
+    `value_um` or `value_urad`; a single value may also be called `error_…`, as tables
+    have it. What is known of their uncertainty stands beside them
+    as standard errors in the same unit, or as a covariance where the errors at different
+    positions are not independent of each other.
     """
 
-    label: str
-    measured_at: datetime
-    temperatures_c: Mapping[str, float]
-    tables: Mapping[str, ComponentTable]
-    measuring_lines: MeasuringLines = field(default_factory=dict)
-    repeatability_um: float | None = None
-    instrument: str | None = None
+    covariance: _Covariance | None = Field(
+        None,
+        description="Covariance of the errors [square of the errors' unit]: instead of standard "
+        "errors or beside them, where the errors are not independent of each other",
+        examples=[[[0.04, 0.02], [0.02, 0.09]]],
+    )
+    backward_covariance: _Covariance | None = Field(
+        None, description="Covariance of the backward errors [square of the errors' unit]"
+    )
+
+    def to_table(self) -> ComponentTable:
+        """Make the table; InvalidContent where the fields do not fit the component."""
+        try:
+            component, sign = parse_component(self.component)
+        except UnknownComponent as error:
+            raise InvalidContent.of_field("component", error.detail) from None
+        self._refuse_other_fields(component)
+        values = getattr(self, component.input_field)
+        if values is None:
+            raise InvalidContent.of_field(
+                component.input_field,
+                f"expected the values of {component.code} in {component.unit.symbol}, got none",
+            )
+        if not component.is_table:
+            return ComponentTable.make(
+                component, [sign * values], covariance=self._uncertainty(component, 1)
+            )
+        n = len(self.positions_mm or values)
+        return ComponentTable.make(
+            component,
+            values,
+            self.positions_mm or (),
+            getattr(self, f"backward_{component.input_field}"),
+            self._uncertainty(component, n),
+            self._uncertainty(component, n, "backward_"),
+        )
+
+    def _uncertainty(self, component: Component, n: int, before: str = "") -> FloatArray | None:
+        """Take what is stated of the uncertainty of n errors, or of the `backward_` ones'."""
+        names = (f"{before}{component.standard_error_field}", f"{before}covariance")
+        errors, covariance = (getattr(self, name, None) for name in names)
+        beside = f"{before}{component.input_field}"
+        if getattr(self, beside, None) is None and (errors, covariance) != (None, None):
+            raise InvalidContent.of_field(
+                names[errors is None],
+                f"expected {beside} of {component.code} beside it, got none",
+            )
+        stated = [errors] if isinstance(errors, float) else errors
+        return stated_covariance(component, n, stated, covariance, before)
+
+    def _refuse_other_fields(self, component: Component) -> None:
+        ways = ("", "backward_") if component.is_table else ("",)
+        names = (component.input_field, component.standard_error_field, "covariance")
+        fitting = {"component", *(way + name for way in ways for name in names)}
+        fitting |= {"positions_mm"} if component.is_table else set()
+        other = sorted(f for f in self.model_fields_set - fitting if getattr(self, f) is not None)
+        if other:
+            raise InvalidContent.of_field(
+                other[0],
+                f"expected {component.input_field} [{component.unit.symbol}] for "
+                f"{component.code} ({component.kind}), got {', '.join(other)}",
+            )
+
+
+_ROUNDED: Final[Mapping[str, Callable[[FloatArray], FloatArray]]] = {
+    "errors": rounded,
+    "backward_errors": rounded,
+    "covariance": to_digits_of,
+    "backward_covariance": to_digits_of,
+}
+
+
+class ComponentAnswer(ComponentSchema):
+    """One component of a stored map: the fields that it has, and no others."""
+
+    chapter: str | None = Field(None, description="The chapter's notation", examples=["D_x(x)"])
+    iso: str | None = Field(None, description="ISO 230-1 name of a squareness", examples=["C0Y"])
+    iso_value_urad: Number | None = Field(None, description="Its value in ISO's sign [µrad]")
+
+    # Without the type of what it gives, which would be published in place of the fields.
+    _without_nulls = model_serializer(mode="wrap")(
+        lambda self, write: {name: v for name, v in write(self).items() if v is not None}
+    )
+
+    @classmethod
+    def computed(cls, table: ComponentTable) -> Self:
+        """Show a table that was computed, rounded as all that is; what is stored is not."""
+        numbers: dict[str, Any] = {
+            name: write(values)
+            for name, write in _ROUNDED.items()
+            if (values := getattr(table, name)) is not None
+        }
+        answer = cls.of(replace(table, **numbers))
+        uncertain = [name for name in answer.model_fields_set if "standard_error" in name]
+        return answer.model_copy(
+            update={name: to_digits_in(getattr(answer, name)) for name in uncertain}
+        )
+
+    @classmethod
+    def of(cls, table: ComponentTable) -> Self:
+        """Show a table: standard errors, and the covariance where they do not say all of it."""
+        component = table.component
+        numbers: dict[str, Any] = {
+            "component": component.code,
+            "chapter": component.chapter or None,
+        }
+        if component.is_table:
+            numbers["positions_mm"] = table.positions_mm.tolist()
+        for before, errors, covariance in (
+            ("", table.errors, table.covariance),
+            ("backward_", table.backward_errors, table.backward_covariance),
+        ):
+            columns = {component.input_field: errors}
+            if covariance is not None:
+                columns[component.standard_error_field] = standard_errors_of(covariance)
+                covariance = without_zeros(covariance)
+                if covariance.ndim == 2:
+                    numbers[f"{before}covariance"] = covariance.tolist()
+            for name, values in columns.items():
+                if values is not None:
+                    written = values.tolist()
+                    numbers[before + name] = written if component.is_table else written[0]
+        if component.iso:
+            numbers["iso"] = component.iso
+            numbers["iso_value_urad"] = component.iso_sign * float(table.errors[0]) + 0.0
+        return cls(**numbers)
+
+
+class MeasuringLineSchema(Schema):
+    """A measuring line on which a tool offset stood."""
+
+    point_mm: Point = Field(description="A point x, y, z of the line [mm]")
+    tool_offset_mm: Point = Field(
+        description="Tool offset with which it was measured [mm]", examples=[[0, 0, 160]]
+    )
+
+
+def _which(value: Any) -> str:
+    return way_of("point") if isinstance(value, list | tuple) else way_of("line")
+
+
+LineOrPoint = Annotated[
+    Annotated[Point, Tag(way_of("point"))] | Annotated[MeasuringLineSchema, Tag(way_of("line"))],
+    Discriminator(_which),
+]
+"""A measuring line as a point of it, where no tool offset stood on it, or with the offset."""
+
+
+def _lines(stated: Mapping[str, Any]) -> dict[str, MeasuringLine]:
+    lines = {}
+    for axis, line in ((axis.lower(), line) for axis, line in stated.items()):
+        has_offset = isinstance(line, MeasuringLineSchema)
+        parts = (line.point_mm, line.tool_offset_mm) if has_offset else (line,)
+        lines[axis] = MeasuringLine.make(axis, *parts)
+    return lines
+
+
+def shown_lines(lines: MeasuringLines) -> dict[str, Any]:
+    """Show measuring lines: as points where no tool offset stood on them."""
+    return {
+        axis: MeasuringLineSchema(point_mm=line.point_mm, tool_offset_mm=line.tool_offset_mm)
+        if any(line.tool_offset_mm)
+        else line.point_mm
+        for axis, line in lines.items()
+    }
+
+
+def _by_code(tables: Sequence[ComponentTable]) -> dict[str, ComponentTable]:
+    by_code: dict[str, ComponentTable] = {}
+    for i, table in enumerate(tables):
+        if by_code.setdefault(table.component.code, table) is not table:
+            raise InvalidContent.of_field(
+                f"{i}.component",
+                f"expected each component once, got {table.component.code} again",
+            )
+    return by_code
+
+
+if TYPE_CHECKING:
+    StatedTable: TypeAlias = ComponentTable
+    TablesByCode: TypeAlias = Mapping[str, ComponentTable]
+    StatedLines: TypeAlias = MeasuringLines
+else:
+    StatedTable = Annotated[ComponentSchema, made(ComponentSchema.to_table)]
+    """A table as it is stated."""
+    TablesByCode = Annotated[
+        list[StatedTable],
+        made(_by_code),
+        PlainSerializer(
+            lambda tables: list(map(ComponentAnswer.of, tables.values())), list[ComponentAnswer]
+        ),
+    ]
+    """Stated and answered as a list."""
+    StatedLines = Annotated[
+        dict[str, LineOrPoint],
+        made(_lines, "measuring_lines_mm"),
+        PlainSerializer(shown_lines, dict[str, LineOrPoint]),
+    ]
+
+ComputedTables: TypeAlias = Annotated[
+    Sequence[ComponentTable],
+    AS_IT_IS,
+    PlainSerializer(
+        lambda tables: list(map(ComponentAnswer.computed, tables)), list[ComponentAnswer]
+    ),
+]
+"""Tables that were computed, as they are answered."""
+
+ShownLines: TypeAlias = Annotated[
+    Mapping[str, MeasuringLine], AS_IT_IS, PlainSerializer(shown_lines, dict[str, LineOrPoint])
+]
+
+EXAMPLE = {
+    "label": "Run #1",
+    "measured_at": "2026-03-01T06:00:00Z",
+    "temperatures_c": {"x-middle": 20.1, "y-front": 20.0, "z-column": 20.3},
+    "components": [
+        {"component": "EXX", "positions_mm": [0, 250, 500], "errors_um": [0, 1.2, 2.1]},
+        {"component": "SXY", "value_um_per_m": -12.1},
+    ],
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorMap(Answer, published_as="ErrorMapSchema", stated=True, example=EXAMPLE):
+    """All components measured in one thermal state, with every sensor's temperature."""
+
+    label: Annotated[Name, Field(examples=["Run #1"])]
+    """The map's name on its machine"""
+    measured_at: Annotated[UtcTime, Field(examples=["2026-03-01T06:00:00Z"])]
+    """When it was measured, with a zone"""
+    temperatures_c: Annotated[Temperatures, Field(min_length=1)]
+    """Every sensor's temperature at that time [°C]"""
+    tables: Annotated[TablesByCode, Field(alias="components", min_length=1, max_length=100)]
+    """The measured components"""
+    measuring_lines: Annotated[
+        StatedLines, Field(alias="measuring_lines_mm", examples=[{"x": [0, 250, 100]}])
+    ] = field(default_factory=dict)
+    """Axis to the line along which its translations were measured: a point (x, y, z) of it [mm], or
+    that point with the tool offset; absent where they are free of the rotations' effect"""
+    repeatability_um: Annotated[Number, Field(ge=0)] | None = None
+    """Repeatability of the measurement, one standard deviation [µm]"""
+    instrument: Annotated[Name | None, Field(examples=["laser vector"])] = None
+    """What measured"""
+
+
+ERROR_MAP: Final = TypeAdapter(ErrorMap)
+"""Reads a map as it is stated."""

@@ -24,7 +24,7 @@ from app.arrays import BoolArray, FloatArray
 from app.errors import InvalidContent, UnknownThing, list_names
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.stated import Millimetres, Name, Number
+from app.stated import Millimetres, Name, Number, made
 from app.units import KELVIN_AT_0_C, MM_PER_M
 
 DEFAULT_STAND_INS = {"x-middle": "y-front"}
@@ -230,11 +230,11 @@ if TYPE_CHECKING:
     SensorsByName: TypeAlias = Mapping[str, Sensor]
 else:
     Configuration = Annotated[
-        str, AfterValidator(Chain.parse), PlainSerializer(lambda chain: chain.text, str)
+        str, made(Chain.parse, "configuration"), PlainSerializer(lambda chain: chain.text, str)
     ]
     SensorsByName = Annotated[
         StatedSensors,
-        AfterValidator(sensors_by_name),
+        made(sensors_by_name, "sensors"),
         PlainSerializer(lambda sensors: list(sensors.values()), list[Sensor]),
     ]
     """Stated and answered as a list."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.api.schemas.compensation import CompensationAnswer
+from app.api.table_json import CompensationAnswer
 from app.cli.compensate import table_view
 from app.effects.driver import Always, SinceReference
 from app.effects.effect import Effect

@@ -14,7 +14,7 @@ from weakref import ref
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from app.api.schemas.readings import OneOrMoreReadings
+from app.api.routes.readings import OneOrMoreReadings
 from tests.service_examples import (
     MACHINE,
     ROOM,

@@ -7,7 +7,7 @@ way from Run #3 (24 °C) to Run #6 (30 °C), and at 5.5 °C above 20 °C the err
 
 import pytest
 
-from app.api.schemas.compensation import CompensationAnswer
+from app.api.table_json import CompensationAnswer
 from app.geometry.components import COMPONENTS
 from tests.service_examples import (
     MACHINE,

@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from app.api.schemas.compensation import CurrentCompensationAnswer
+from app.api.table_json import CurrentCompensationAnswer
 from tests.service_examples import (
     ROOM,
     START,

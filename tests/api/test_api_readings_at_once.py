@@ -13,8 +13,8 @@ from pydantic import TypeAdapter
 
 from app.api.bodies import _checked
 from app.api.routes import readings as routes
-from app.api.schemas import readings as schemas
-from app.api.schemas.readings import _MOST_AT_ONCE, OneOrMoreReadings
+from app.api.routes import readings as schemas
+from app.api.routes.readings import _MOST_AT_ONCE, OneOrMoreReadings
 from app.errors import StorageFull, StorageUnavailable
 from app.live.database_watch import TroubleKind
 from app.services import readings as service_of_readings

@@ -61,7 +61,7 @@ async def test_figures_of_the_running_that_the_state_says(app, client):
     assert [s["after_min"] for s in found["states"]] == [0.0, 100.0]
     assert found["states"][1]["temperatures_c"]["x-middle"] == pytest.approx(22.0 + 100 / 60)
     assert found["stored"] is False
-    assert "verification" not in found
+    assert found["verification"] is None
     assert contents(app) == before
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.schemas.compensation import CompensationAnswer
+from app.api.table_json import CompensationAnswer
 from tests.service_examples import client_of, furnish_database, problem, running
 
 pytestmark = pytest.mark.anyio

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.schemas.verifications import VerificationRequest
-from app.api.uploaded_map import parse_error_map
+from app.api.uploads import parse_error_map
 from app.effects.observations import Observation, Verification
 from app.files.csv_comments import Header
 from app.files.csv_verification import parse_csv_verification
 from app.files.csv_writing import csv_of_check, csv_of_map
 from app.geometry.components import COMPONENTS
 from app.search.rows import Datum
+from app.services.observations import VerificationRequest
 from app.thermal.error_map import ComponentTable, ErrorMap
 from tests.service_examples import ROOM, START, problem
 
@@ -80,7 +80,7 @@ def same(one, other):
 def test_a_map_comes_back_as_it_was(error_map):
     text = csv_of_map("mill", error_map)
     read = parse_error_map({"": text}, FILE, Header())
-    back = read.error_map.to_error_map()
+    back = read.error_map
     assert read.machine == "mill"
     assert (back.label, back.measured_at) == (error_map.label, error_map.measured_at)
     assert back.temperatures_c == error_map.temperatures_c

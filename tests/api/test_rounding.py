@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from app.api.methods.positioning import TargetAnswer
 from app.effects.adopted.described import AdoptedEffect, adopted_effect
 from app.effects.driver import StepAfter
 from app.effects.effect import Effect
 from app.effects.term import Term
 from app.geometry.line_accuracy import LineAccuracy
+from app.measurement.positioning import TargetAnswer
 from app.services.predictions import Predictions
 from tests.service_examples import ROOM, START, error_map, iso, reading, temperatures
 
@@ -83,8 +83,8 @@ async def test_what_is_stored_comes_back_as_it_was_stated(client):
 
 
 def test_small_deviations_are_rounded_to_digits_and_never_to_nothing():
-    fields = dict.fromkeys(TargetAnswer.model_fields, 1e-9 / 3)
-    written = json.loads(TargetAnswer(**fields).model_dump_json())
+    target = TargetAnswer(*10 * [1e-9 / 3])
+    written = json.loads(TypeAdapter(TargetAnswer).dump_json(target))
     assert written["standard_deviation_forward_um"] == 3.33333333e-10
     assert written["mean_um"] == 0.0
 

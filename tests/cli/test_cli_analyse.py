@@ -10,7 +10,7 @@ import httpx
 import pytest
 from rich.console import Console
 
-from app.api.schemas.verifications import VerificationRequest
+from app.services.observations import VerificationRequest
 from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
 from app.files.csv_writing import csv_of_check

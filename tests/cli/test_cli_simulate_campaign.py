@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.api.schemas.verifications import VerificationRequest
+from app.services.observations import VerificationRequest
 from app.simulation.undeclared import FAMILIES, UNKNOWN, make_campaign, make_record
 
 SMALL = ("--visits", 8, "--later", 2, "--seed", 5)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from app.api.uploaded_map import read_error_map
+from app.api.uploads import read_error_map
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile
+from app.thermal.error_map import ComponentAnswer
 from tests.files.test_spreadsheets import as_text, workbook
 
 STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"bed": 20.5})
@@ -38,10 +39,10 @@ def refusal(tmp_path, rows):
 
 def numbers(found):
     return {
-        one.component: {
-            name: value for name, value in one.model_dump(exclude={"component"}).items() if value
-        }
-        for one in found.error_map.components
+        code: ComponentAnswer.of(table).model_dump(
+            exclude={"component", "chapter", "iso", "iso_value_urad"}
+        )
+        for code, table in found.error_map.tables.items()
     }
 
 

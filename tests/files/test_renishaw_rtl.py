@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.uploaded_map import read_error_map
+from app.api.uploads import read_error_map
 from app.files.csv_comments import Header
 from app.files.delimited_text import UnreadableFile, read_text
 from app.files.instrument_files import format_of_text

@@ -6,8 +6,7 @@ import pytest
 from openpyxl import Workbook
 
 from app.api.methods.registry import METHODS
-from app.api.uploaded_map import read_error_map
-from app.api.uploaded_verification import read_uploaded_verification
+from app.api.uploads import read_error_map, read_uploaded_verification
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile, read_text
@@ -18,7 +17,7 @@ STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 READERS = {
     "map": (
         [["component", "position_mm", "error_um"], ["EXX", 0, 0.5], ["EXX", 50.5, 1.25]],
-        lambda file: read_error_map(file, STATED).error_map.components[0].errors_um,
+        lambda file: read_error_map(file, STATED).error_map.tables["EXX"].errors.tolist(),
         [0.5, 1.25],
     ),
     "method": (
@@ -147,9 +146,10 @@ HEADERS = {
             ["#", "temperature", "Bed front", 18.5],
             ["# Repeatability", 0.5, "µm"],
         ],
-        lambda file: read_error_map(file, Header()).error_map.model_dump(
-            include={"label", "temperatures_c", "repeatability_um"}
-        ),
+        lambda file: {
+            name: getattr(read_error_map(file, Header()).error_map, name)
+            for name in ("label", "temperatures_c", "repeatability_um")
+        },
         {
             "label": "Run: 1",
             "temperatures_c": {"x-middle": 20.5, "Bed front": 18.5},

@@ -12,8 +12,7 @@ import pytest
 from openpyxl import Workbook
 
 from app.api.methods.registry import METHODS
-from app.api.uploaded_map import read_uploaded_map
-from app.api.uploaded_verification import read_uploaded_verification
+from app.api.uploads import read_uploaded_map, read_uploaded_verification
 from app.connections.config import read_connections
 from app.controllers.format import ControllerFile
 from app.errors import InvalidContent

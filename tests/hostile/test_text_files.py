@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.api.methods.registry import METHODS
-from app.api.uploaded_map import parse_error_map
+from app.api.uploads import parse_error_map
 from app.controllers import lines
 from app.controllers.format import ControllerFile
 from app.controllers.registry import FORMATS

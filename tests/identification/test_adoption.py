@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.effects.kind import OverTime
 from app.effects.kinds.step import Step
@@ -39,6 +38,7 @@ from app.search.findings import (
 from app.search.names import ALIKE, WALKS
 from app.search.rows import Datum
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 VISITS, EACH = 20, 6

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import mistakes_first, summary, what_next, what_to_do
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import UnexplainedPart
@@ -17,6 +16,7 @@ from app.identification.residuals.residuals import BEYOND_THE_MAPS
 from app.pages.report_parts.effect_names import adoption_text
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
+from scripts.campaign_of_bodies import campaign_of_bodies
 from tests.pages.example_analyses import EXCHANGED, FOUND, LAG, STEP, rival
 
 SWAP = "wap the plugs of x-middle and bed"

@@ -9,7 +9,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import effect_from_json
 from app.effects.flexible import HYSTERESIS
 from app.errors import InvalidContent
@@ -19,6 +18,7 @@ from app.search.rows import Datum
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 from app.thermal.temperature_history import TemperatureHistory
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 FEW_KINDS = ("backlash", "drift", "outdated-map", "thermal-lag")
 

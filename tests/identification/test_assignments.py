@@ -5,7 +5,6 @@ from functools import cache
 
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import effect_from_json
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.analysis import TriedAssignment
@@ -14,6 +13,7 @@ from app.identification.campaign import residuals_of
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
 from app.thermal.compile_model import compile_model
+from scripts.campaign_of_bodies import campaign_of_bodies
 from tests.pages.example_analyses import FOUND, stored_effect
 
 KINDS = ("other-sensor", "thermal-lag", "additional-sensor", "sensor-gradient")

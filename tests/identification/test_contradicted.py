@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.residual_report import residual_report
 from app.identification.campaign import residuals_of
 from app.identification.observed_scatter import observed_scatter
 from app.identification.plan.planning import plan
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 SAID = "is contradicted: nearly all lengths scatter by"
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.effect import Effect
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.not_judged import (
@@ -20,6 +19,7 @@ from app.search.findings import FAR_OFF, ChannelNoise, Figure, Floor, HeldOut, S
 from app.search.rows import Nuisance, Rows
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
+from scripts.campaign_of_bodies import campaign_of_bodies
 from tests.pages.example_analyses import NOTHING
 
 CHANNELS, SETUPS, EACH = 20, 8, 8

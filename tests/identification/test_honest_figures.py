@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.advice import summary
 from app.identification.analysis.analyse import analyse
 from app.identification.analysis.before_after import (
@@ -33,6 +32,7 @@ from app.search.rows import Nuisance
 from app.search.zeros import UnknownZero, without_zeros
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 
 def campaign_with(datum, planted=None, repeatability=None, seed=7, **conditions):

@@ -6,11 +6,11 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.registry import KINDS, kind_of
 from app.identification.analysis.analyse import analyse
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 AMONG = (
     *(name for name, kind in KINDS.items() if kind.not_adopted),

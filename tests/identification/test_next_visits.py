@@ -8,8 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.api.schemas.analyses import PlanRequest
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.cli.analyse import write_visits
 from app.effects.observations import Observation
 from app.effects.registry import KINDS, separating_measurement
@@ -19,8 +17,10 @@ from app.identification.analysis.analyse import analyse
 from app.identification.analysis.next_visits import propose_visits
 from app.identification.plan.planning import plan
 from app.search.rows import Datum
+from app.services.analyses import PlanRequest
 from app.simulation.undeclared import make_campaign
 from app.storage.analysis_results import RESULTS
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 
 @pytest.fixture(scope="module")
@@ -254,12 +254,12 @@ def test_planning_takes_the_proposal_as_it_is_in_json_and_as_a_file(campaign, tm
     visit = found.next_visits[0]
     assert visit.sentence in found.what_next
     written = json.loads(RESULTS.text(found))["next_visits"][0]["planned"]
-    planned = PlanRequest.model_validate({"planned": [written]}).to_verifications()
+    planned = PlanRequest.model_validate({"planned": [written]}).planned
     file = tmp_path / "next.csv"
     file.write_text(csv_of_visit("mill", visit), encoding="utf-8")
     read = read_csv_verification(file, is_planned=True)
     assert read.machine == "mill"
-    of_file = PlanRequest.model_validate({"planned": [read.body]}).to_verifications()
+    of_file = PlanRequest.model_validate({"planned": [read.body]}).planned
     assert [vars_of(o) for o in of_file[0].observations] == [
         vars_of(o) for o in planned[0].observations
     ]

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.claim import claim_of
 from app.effects.effect import Provenance, effect_from_json
 from app.identification.analysis.analyse import analyse
@@ -13,6 +12,7 @@ from app.identification.analysis.found_effect import RefittedEffect
 from app.identification.analysis.refits import adopted_before, effects_after
 from app.identification.campaign import residuals_of
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 from tests.effect_examples import BACKLASH, LAG, SPEED
 
 EVERY = (1, 2, 3)

@@ -8,9 +8,9 @@ measures and analyses at once.
 
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 AMONG = (
     *("late-sensor", "thermal-lag", "clock-offset", "exchanged-sensors", "sensor-gradient"),

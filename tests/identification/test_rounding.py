@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.identification.campaign import residuals_of
 from app.identification.residuals.rounding import rounding
 from app.search.noise import repeatability
 from app.search.rows import DeclaredNoise, Rows
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 
 def declared(made):

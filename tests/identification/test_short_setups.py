@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.observations import Observation, Verification
 from app.geometry.components import COMPONENTS
 from app.identification.analysis.analyse import analyse
@@ -14,6 +13,7 @@ from app.simulation.undeclared import make_record
 from app.thermal.error_map import ComponentTable
 from app.thermal.machine import Travel
 from examples.measured.constant_model import constant_model
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 TARGETS_MM = np.linspace(0.0, 500.0, 11)
 BEGUN_S = 1_700_000_000.0

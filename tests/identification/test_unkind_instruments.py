@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.identification.analysis.analyse import analyse
 from app.simulation.undeclared import make_campaign, make_record
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 KINDS = ("outdated-map", "instrument-warm-up", "thermal-lag")
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.arrays import rms
 from app.effects.projection import sum_of_terms
 from app.identification.analysis.analyse import analyse
@@ -14,6 +13,7 @@ from app.search.candidate import Part
 from app.search.priors import HIDDEN_SIZE
 from app.search.rows import Datum, Rows
 from app.simulation.undeclared import make_campaign
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 VISITS, EACH = 12, 5
 ALONG = np.linspace(-1.0, 1.0, EACH)

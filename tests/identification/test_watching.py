@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.errors import InvalidContent
 from app.identification.watch.e_process import EProcess, likelihood_ratio
 from app.identification.watch.watching import (
@@ -19,6 +18,7 @@ from app.identification.watch.watching import (
 from app.search.rows import Datum
 from app.simulation.undeclared import make_campaign
 from app.storage.watch_shapes import JUDGEMENTS, WATCH_STATES
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 ONE = np.ones(1)
 

@@ -62,7 +62,7 @@ def test_ranges_are_those_of_the_projected_errors():
     field = random_field("XYFZ", RIGID, seed=61)
     found = body_diagonal(one_run(field), volume=BOX)
     expected = diagonal_accuracy(diagonal_displacements(field, BOX, 10))
-    assert (found.accuracy.ed_um, found.accuracy.esd_um) == (expected.ed_um, expected.esd_um)
+    assert (found.ed_um, found.esd_um) == (expected.ed_um, expected.esd_um)
     figures = found.result.figures
     assert (figures["ed_um"], figures["esd_um"]) == (expected.ed_um, expected.esd_um)
     assert figures["range_pnp_um"] == expected.ranges_um["pnp"]
@@ -106,7 +106,7 @@ def test_four_ends_cannot_tell_the_scales_apart():
     longer = Table(nodes("x"), 0.02 * (nodes("x") - ORIGIN[0]))
     shorter = Table(nodes("y"), -0.02 * (SIDES[0] / SIDES[1]) ** 2 * (nodes("y") - ORIGIN[1]))
     found = body_diagonal(one_run(field_of({"EXX": longer, "EYY": shorter})), volume=BOX)
-    assert found.accuracy.esd_um < 1e-9
+    assert found.esd_um < 1e-9
     assert any(note.startswith("Four ends answer four questions") for note in found.result.notes)
 
 
@@ -165,8 +165,8 @@ def test_both_directions_by_hand():
     }
     found = body_diagonal({"ppp": both, "npp": level, "pnp": level, "ppn": level})
     # Means 6, 7, 9 forward and 4, 5, 6 backward; counted from the first forward mean.
-    assert found.accuracy.ranges_um == {"ppp": 5.0, "npp": 3.0, "pnp": 3.0, "ppn": 3.0}
-    assert (found.accuracy.ed_um, found.accuracy.esd_um) == (5.0, 5.0)
+    assert found.diagonals_um == {"ppp": 5.0, "npp": 3.0, "pnp": 3.0, "ppn": 3.0}
+    assert (found.ed_um, found.esd_um) == (5.0, 5.0)
     assert found.reversal_um == {"ppp": 3.0}
     assert found.result.figures["bd_um"] == 3.0
     assert any("in one direction only (npp, pnp, ppn)" in note for note in found.result.notes)

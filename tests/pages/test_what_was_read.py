@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from app.api.schemas.error_maps import ErrorMapSchema
-from app.api.schemas.verifications import VerificationRequest
 from app.pages.what_was_read import FINENESS, SIZE, read_of_map, read_of_verification
+from app.services.observations import VerificationRequest
+from app.thermal.error_map import ERROR_MAP
 
 AT = "2026-03-01T06:00:00Z"
 
@@ -26,7 +26,7 @@ def the_map(**changes):
             {"component": "SXY", "value_um_per_m": -12.1},
         ],
     } | changes
-    return read_of_map(ErrorMapSchema.model_validate(body).to_error_map())
+    return read_of_map(ERROR_MAP.validate_python(body))
 
 
 def the_check(observations, **head):

@@ -11,7 +11,6 @@ import pytest
 
 from app.api.methods.registry import METHODS
 from app.api.methods.thermal_drift import ThermalDriftRequest
-from app.api.schemas.verifications import VerificationRequest
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile
@@ -26,6 +25,7 @@ from app.measurement.step_diagonal import step_diagonal
 from app.measurement.step_diagonal_readings import step_diagonal_readings
 from app.programs.path import Manner
 from app.programs.warm_up import SpindleStep, warm_up_program
+from app.services.observations import VerificationRequest
 from tests.geometry.example_fields import diagonal_displacements
 from tests.programs.example_programs import MACHINE, PLANNED, START_S, every_program
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.api.schemas.campaigns import campaign_of_bodies
 from app.effects.observations import observation_rows
 from app.identification.analysis.analyse import analyse
 from app.simulation.week import make_week
+from scripts.campaign_of_bodies import campaign_of_bodies
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from pydantic import ConfigDict, Field
 
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import MeasuredPositions, MeasurementAnswer, Runs
+from app.api.methods.method import Method
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -27,12 +27,17 @@ from app.files.csv_measurements.formats import (
     rows_by_diagonal,
 )
 from app.files.delimited_text import DelimitedText
-from app.measurement.body_diagonal import body_diagonal
+from app.measurement.body_diagonal import BodyDiagonal, body_diagonal
 from app.pages.wording import message
-from app.rounding import Micro
 from app.services.ask_field import Volume
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest, travel_volume
+from app.services.measurements import (
+    MeasuredPositions,
+    MeasurementAnswer,
+    MeasurementRequest,
+    Runs,
+    travel_volume,
+)
 from app.stated import Schema
 from app.thermal.machine import Machine
 
@@ -47,16 +52,6 @@ class DiagonalRunsSchema(Schema):
         description="Displacement along the diagonal less its nominal, one run or several [µm]"
     )
     backward_um: Runs | None = Field(None, description="The same on the way back [µm]")
-
-    def readings(self) -> dict[str, list[float] | list[list[float]]]:
-        """Give the readings by name."""
-        readings: dict[str, list[float] | list[list[float]]] = {
-            "positions_mm": self.positions_mm,
-            "forward_um": self.forward_um,
-        }
-        return (
-            readings if self.backward_um is None else readings | {"backward_um": self.backward_um}
-        )
 
 
 class BodyDiagonalRequest(MeasurementRequest):
@@ -81,32 +76,19 @@ class BodyDiagonalRequest(MeasurementRequest):
     volume: Volume
 
 
-class BodyDiagonalAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyDiagonalAnswer(MeasurementAnswer, BodyDiagonal):
     """Ed, ESd, and the squareness that the diagonals' ends show."""
 
-    Ed_um: Micro = Field(description="Largest range on a diagonal [µm]")
-    ESd_um: Micro = Field(description="Range over all diagonals together [µm]")
-    diagonals_um: dict[str, Micro] = Field(description="Range on each diagonal [µm]")
-    reversal_um: dict[str, Micro] = Field(
-        description="Largest reversal value on each diagonal, forward less backward [µm]"
-    )
 
-
-def _evaluate(_context: Context, machine: Machine, body: BodyDiagonalRequest) -> Evaluated:
-    evaluated = body_diagonal(
-        {name: runs.readings() for name, runs in body.diagonals.items()},
+def _evaluate(_context: Context, machine: Machine, body: BodyDiagonalRequest) -> BodyDiagonal:
+    return body_diagonal(
+        {name: runs.model_dump(exclude_none=True) for name, runs in body.diagonals.items()},
         # Over the axes' travel where no volume is stated.
         volume=travel_volume(machine, body.volume),
         chain=machine.chain,
         repeatability_um=body.repeatability_um,
     )
-    fields = {
-        "Ed_um": evaluated.accuracy.ed_um,
-        "ESd_um": evaluated.accuracy.esd_um,
-        "diagonals_um": dict(evaluated.accuracy.ranges_um),
-        "reversal_um": dict(evaluated.reversal_um),
-    }
-    return Evaluated(evaluated.result, fields)
 
 
 _POSITION: Final = Named("position", POSITION)

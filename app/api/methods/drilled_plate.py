@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field
 
-from app.answer import fields_of
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import MeasurementAnswer
-from app.arrays import FloatArray
+from app.api.methods.method import Method
 from app.errors import InvalidContent
 from app.files.csv_columns import (
     EXPANSION,
@@ -28,11 +26,10 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.in_pieces import InPieces
-from app.measurement.drilled_plate import evaluate_drilled_plate
+from app.measurement.drilled_plate import DrilledPlate, evaluate_drilled_plate
 from app.pages.wording import message
-from app.rounding import Micro, listed, to_digits_of
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest
+from app.services.measurements import MeasurementAnswer, MeasurementRequest
 from app.stated import Millimetres, Number, Point, Schema
 from app.thermal.machine import Machine
 
@@ -79,29 +76,14 @@ class DrilledPlateRequest(MeasurementRequest):
     )
 
 
-class DrilledPlateAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DrilledPlateAnswer(MeasurementAnswer, DrilledPlate):
     """Scale, squareness and axis errors, up to a rigid motion."""
 
-    rotation_urad: Micro = Field(description="How the plate lay, about Z [µrad]")
-    shift_mm: Annotated[FloatArray, listed(1, write=to_digits_of)] = Field(
-        description="Where its nominal zero lay [mm]"
-    )
-    scale_um_per_m: Annotated[FloatArray, listed(1)] = Field(description="Scale of x and y [µm/m]")
-    scale_standard_errors_um_per_m: Annotated[FloatArray, listed(1, float | None, to_digits_of)] = (
-        Field(description="Their standard errors [µm/m]")
-    )
-    squareness_um_per_m: Micro = Field(description="SXY [µm/m]")
-    residuals_um: Annotated[FloatArray, listed(2)] = Field(
-        description="What rigid motion, scale and squareness leave of each hole's x, y [µm]"
-    )
-    suspicious: list[int] = Field(
-        description="Indices of holes far from the rest, from 0; they are kept"
-    )
 
-
-def _evaluate(_context: Context, _machine: Machine, body: DrilledPlateRequest) -> Evaluated:
+def _evaluate(_context: Context, _machine: Machine, body: DrilledPlateRequest) -> DrilledPlate:
     try:
-        evaluated = evaluate_drilled_plate(
+        return evaluate_drilled_plate(
             [hole.nominal_mm for hole in body.holes],
             [hole.measured_mm for hole in body.holes],
             origin_mm=body.origin_mm,
@@ -112,7 +94,6 @@ def _evaluate(_context: Context, _machine: Machine, body: DrilledPlateRequest) -
         )
     except InvalidContent as error:
         raise _of_holes(error) from None
-    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 def _of_holes(error: InvalidContent) -> InvalidContent:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
 from app.answer import fields_of
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import MeasuredPositions, MeasurementAnswer, Runs
+from app.api.methods.method import Method
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -33,12 +32,11 @@ from app.files.csv_measurements.formats import (
 from app.files.csv_measurements.formats import Runs as RunsOfTable
 from app.files.delimited_text import DelimitedText
 from app.geometry.components import parse_component
-from app.measurement.machined_part import Comparison, evaluate_machined_part
+from app.measurement.machined_part import Comparison, MachinedPart, evaluate_machined_part
 from app.measurement.stated_runs import as_straightness
 from app.pages.wording import message
-from app.rounding import Micro
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest
+from app.services.measurements import MeasuredPositions, MeasurementAnswer, MeasurementRequest, Runs
 from app.services.predictions import predict_part
 from app.stated import Point
 from app.thermal.machine import Machine
@@ -85,20 +83,15 @@ class ComparisonAnswer(Comparison):
     """Version of the model"""
 
 
-class MachinedPartAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MachinedPartAnswer(MeasurementAnswer, MachinedPart):
     """The straightness of the edge, and how it compares with the model."""
 
-    straightness_um: Micro = Field(description="Range of the deviations from the line [µm]")
-    slope_um_per_m: Micro = Field(description="Slope that was taken out [µm/m]")
-    suspicious: list[int] = Field(
-        description="Indices of measured points far from the rest, from 0; they are kept"
-    )
-    comparison: ComparisonAnswer | None = Field(
-        description="With the active model at `temperatures_c`; null where there is no model"
-    )
+    comparison: ComparisonAnswer | None
+    """With the active model at `temperatures_c`; null where there is no model"""
 
 
-def _evaluate(context: Context, machine: Machine, body: MachinedPartRequest) -> Evaluated:
+def _evaluate(context: Context, machine: Machine, body: MachinedPartRequest) -> MachinedPart:
     """Evaluate the edge, beside what the active model says of it at its temperatures."""
     predicted = None
     if body.temperatures_c:
@@ -121,18 +114,12 @@ def _evaluate(context: Context, machine: Machine, body: MachinedPartRequest) -> 
         tool_offset_mm=body.tool_offset_mm,
         repeatability_um=body.repeatability_um,
     )
-    fields: dict[str, Any] = {
-        "straightness_um": evaluated.straightness_um,
-        "slope_um_per_m": evaluated.slope_um_per_m,
-        "suspicious": list(evaluated.suspicious_measured),
-        "comparison": None,
-    }
     if predicted is None or evaluated.comparison is None:
-        return Evaluated(evaluated.result, fields)
-    fields["comparison"] = ComparisonAnswer(
+        return evaluated
+    compared = ComparisonAnswer(
         **fields_of(evaluated.comparison), model_version=predicted.model_version
     )
-    return Evaluated(evaluated.result, fields, predicted.notes)
+    return replace(evaluated, comparison=compared, further_notes=predicted.notes)
 
 
 _POSITION: Final = Named("position", POSITION)

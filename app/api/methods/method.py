@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from app.api.methods.shapes import MeasurementAnswer, answer_fields
+from app.answer import fields_of
 from app.errors import InvalidContent
 from app.field_errors import field_error
 from app.files.csv_measurements import read_csv_measurement
 from app.files.csv_measurements.formats import Format
 from app.files.read_body import ReadBody
-from app.measurement.result import MeasurementResult
+from app.measurement.result import Evaluated
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest, Storing, store_measurement
+from app.services.measurements import (
+    MeasurementAnswer,
+    MeasurementRequest,
+    Storing,
+    store_measurement,
+)
 from app.thermal.machine import Machine
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evaluated:
-    """What comes out of a measurement.
-
-    Parameters
-    ----------
-    fields
-        Those that the method's answer has beyond what all have, and others that it has not.
-    notes
-        Said after the result's own and those on its map.
-    """
-
-    result: MeasurementResult
-    fields: Mapping[str, Any] = field(default_factory=dict)
-    notes: Sequence[str] = ()
-
 
 Request = TypeVar("Request", bound=MeasurementRequest)
 Result = TypeVar("Result", bound=Evaluated)
@@ -56,11 +43,8 @@ def store_as_map(
     InvalidContent, Conflict
         As `store_measurement`.
     """
-    measured = store_measurement(context, machine, method.name, body, evaluated.result, storing)
-    fields = answer_fields(measured, body.label)
-    fields["notes"] += evaluated.notes
-    own = method.answer.model_fields.keys() - MeasurementAnswer.model_fields.keys()
-    return method.answer(**fields, **{name: evaluated.fields[name] for name in own})
+    fields = store_measurement(context, machine, method.name, body, evaluated, storing)
+    return method.answer(**(fields_of(evaluated) | fields))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, Final
 
 from pydantic import ConfigDict, Field
 
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import Axis, MeasuredPositions, MeasurementAnswer, Runs
+from app.api.methods.method import Method
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -35,10 +35,14 @@ from app.files.delimited_text import DelimitedText
 from app.geometry.components import LINEAR_LETTERS
 from app.measurement.positioning import Positioning, evaluate_positioning
 from app.pages.wording import message
-from app.rounding import Digits, Micro
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest
-from app.stated import Number, Schema
+from app.services.measurements import (
+    Axis,
+    MeasuredPositions,
+    MeasurementAnswer,
+    MeasurementRequest,
+    Runs,
+)
 from app.thermal.machine import Machine
 
 
@@ -65,61 +69,19 @@ class PositioningRequest(MeasurementRequest):
     backward_um: Runs | None = Field(None, description="The same in the negative direction [µm]")
 
 
-class TargetAnswer(Schema):
-    """ISO 230-2's values at one target position."""
-
-    target_mm: Number = Field(description="Target position [mm]")
-    mean_forward_um: Micro = Field(description="Mean deviation x̄↑ [µm]")
-    mean_backward_um: Micro | None = Field(description="Mean deviation x̄↓ [µm]")
-    mean_um: Micro = Field(description="Mean of both, x̄ [µm]")
-    reversal_um: Micro | None = Field(description="Reversal value B, x̄↑ less x̄↓ [µm]")
-    standard_deviation_forward_um: Digits | None = Field(description="s↑ [µm]")
-    standard_deviation_backward_um: Digits | None = Field(description="s↓ [µm]")
-    repeatability_forward_um: Digits | None = Field(description="R↑ = 4 s↑ [µm]")
-    repeatability_backward_um: Digits | None = Field(description="R↓ = 4 s↓ [µm]")
-    repeatability_um: Digits | None = Field(description="Bidirectional repeatability R [µm]")
-
-
-class PositioningAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PositioningAnswer(MeasurementAnswer, Positioning):
     """ISO 230-2's figures of the axis (A, E, M, B, R in `figures`) and its displacement error."""
 
-    targets: list[TargetAnswer] = Field(description="The values at each target position")
 
-    @classmethod
-    def targets_of(cls, positioning: Positioning) -> list[TargetAnswer]:
-        """Show the values at each target."""
-        forward, backward = positioning.forward, positioning.backward
-        columns = {
-            "target_mm": positioning.targets_mm,
-            "mean_forward_um": forward.mean,
-            "mean_backward_um": None if backward is None else backward.mean,
-            "mean_um": positioning.mean_um,
-            "reversal_um": positioning.reversal_um,
-            "standard_deviation_forward_um": forward.standard_deviation,
-            "standard_deviation_backward_um": (
-                None if backward is None else backward.standard_deviation
-            ),
-            "repeatability_forward_um": forward.repeatability,
-            "repeatability_backward_um": None if backward is None else backward.repeatability,
-            "repeatability_um": positioning.bidirectional_repeatability_um,
-        }
-        return [
-            TargetAnswer.model_validate(
-                {name: None if values is None else values[i] for name, values in columns.items()}
-            )
-            for i in range(positioning.targets_mm.size)
-        ]
-
-
-def _evaluate(_context: Context, _machine: Machine, body: PositioningRequest) -> Evaluated:
-    positioning = evaluate_positioning(
+def _evaluate(_context: Context, _machine: Machine, body: PositioningRequest) -> Positioning:
+    return evaluate_positioning(
         body.axis,
         body.targets_mm,
         body.forward_um,
         body.backward_um or (),
         repeatability_um=body.repeatability_um,
     )
-    return Evaluated(positioning.result, {"targets": PositioningAnswer.targets_of(positioning)})
 
 
 _DIRECTIONS: Final = {

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field
 
-from app.answer import fields_of
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import MeasurementAnswer
-from app.arrays import FloatArray
+from app.api.methods.method import Method
 from app.files.csv_columns import (
     ANGLE,
     POSITION,
@@ -26,11 +24,10 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.in_pieces import InPieces
-from app.measurement.rotary_axis import PathErrors, measure_rotary_axis
+from app.measurement.rotary_axis import RotaryAxisMeasurement, measure_rotary_axis
 from app.pages.wording import message
-from app.rounding import Digits, listed
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest
+from app.services.measurements import MeasurementAnswer, MeasurementRequest
 from app.stated import Number, Point, Schema
 from app.thermal.machine import Machine
 
@@ -65,31 +62,21 @@ class RotaryAxisRequest(MeasurementRequest):
     pivot_mm: Point = Field((0.0, 0.0, 0.0), description="A point of the nominal axis [mm]")
 
 
-class RotaryAxisAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RotaryAxisAnswer(MeasurementAnswer, RotaryAxisMeasurement):
     """The axis' location errors, with run-out in `figures`."""
 
-    residuals_um: Annotated[FloatArray, listed(2)] = Field(
-        description="Measured minus fitted place of the ball: radial, tangential, axial [µm]"
-    )
-    noise_um: Digits | None = Field(
-        description="Standard deviation of one coordinate, from the residuals or as stated [µm]"
-    )
-    degrees_of_freedom: int = Field(description="Of that noise")
-    path: PathErrors = Field(
-        description="The path errors before and after compensation; rms and largest length are in "
-        "`figures` [µm]"
-    )
 
-
-def _evaluate(_context: Context, _machine: Machine, body: RotaryAxisRequest) -> Evaluated:
-    evaluated = measure_rotary_axis(
+def _evaluate(
+    _context: Context, _machine: Machine, body: RotaryAxisRequest
+) -> RotaryAxisMeasurement:
+    return measure_rotary_axis(
         body.axis,
         [ball.angle_deg for ball in body.points],
         [ball.position_mm for ball in body.points],
         repeatability_um=body.repeatability_um,
         pivot_mm=body.pivot_mm,
     )
-    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 _ANGLE: Final = Named("angle", ANGLE)

@@ -8,8 +8,7 @@ from typing import Any, Final, Literal
 
 from pydantic import ConfigDict, Field
 
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import Axis, MeasuredPositions, Runs
+from app.api.methods.method import Method
 from app.errors import list_names
 from app.files.csv_columns import (
     LENGTH,
@@ -34,10 +33,17 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText
 from app.geometry.components import LINEAR_LETTERS, ROTATION_LETTERS
+from app.measurement.result import Evaluated
 from app.measurement.six_dof import evaluate_six_dof
 from app.pages.wording import message
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest, Repeatability
+from app.services.measurements import (
+    Axis,
+    MeasuredPositions,
+    MeasurementRequest,
+    Repeatability,
+    Runs,
+)
 from app.stated import Point
 from app.thermal.machine import Machine
 
@@ -106,7 +112,7 @@ def _evaluate(_context: Context, _machine: Machine, body: SixDofRequest) -> Eval
         repeatability_um=body.repeatability_um,
         repeatability_urad=body.repeatability_urad,
     )
-    return Evaluated(result)
+    return Evaluated(result=result)
 
 
 _POSITION: Final = Named("position", POSITION)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import ConfigDict, Field
 
-from app.answer import fields_of
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import MeasurementAnswer
-from app.api.schemas.error_maps import ComponentSchema
-from app.arrays import FloatArray
-from app.errors import InvalidContent
+from app.api.methods.method import Method
 from app.files.csv_columns import (
     LENGTH,
     POSITION,
@@ -33,12 +29,12 @@ from app.files.csv_measurements.formats import (
 )
 from app.files.delimited_text import DelimitedText, Row
 from app.geometry.error_table import Table
-from app.measurement.step_diagonal import step_diagonal
+from app.measurement.step_diagonal import StepDiagonal, step_diagonal
 from app.pages.wording import message
-from app.rounding import listed
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest
+from app.services.measurements import MeasurementAnswer, MeasurementRequest
 from app.stated import Number, Point
+from app.thermal.error_map import StatedTable
 from app.thermal.machine import Machine
 
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -85,48 +81,32 @@ class StepDiagonalRequest(MeasurementRequest):
         description="Standard uncertainty of each of the mirror's two tilts [µrad]; what the "
         "closures show if left out",
     )
-    angular: list[ComponentSchema] = Field(
+    angular: list[StatedTable] = Field(
         default_factory=list,
         max_length=60,
         description="Known angular errors, whose effect is taken out of the readings [µrad]",
     )
 
-    def known_angular(self) -> dict[str, Table]:
-        """Give the known angular errors; InvalidContent names the one that is wrong."""
-        tables = {}
-        for i, row in enumerate(self.angular):
-            try:
-                table = row.to_table()
-            except InvalidContent as error:
-                raise error.inside(f"angular.{i}") from None
-            tables[table.component.code] = Table(table.positions_mm, table.errors)
-        return tables
 
-
-class StepDiagonalAnswer(MeasurementAnswer):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StepDiagonalAnswer(MeasurementAnswer, StepDiagonal):
     """Nine translations and three squareness errors."""
 
-    closure_um: Annotated[FloatArray, listed(2)] | None = Field(
-        description="For x, y, z and each interval: what the four diagonals contradict each "
-        "other by, the measurement's own noise [µm]; null with three diagonals"
-    )
 
-
-def _evaluate(_context: Context, machine: Machine, body: StepDiagonalRequest) -> Evaluated:
-    evaluated = step_diagonal(
+def _evaluate(_context: Context, machine: Machine, body: StepDiagonalRequest) -> StepDiagonal:
+    return step_diagonal(
         machine.chain,
         body.origin_mm,
         body.step_mm,
         body.diagonals,
         line=body.line,
-        angular=body.known_angular(),
+        angular={t.component.code: Table(t.positions_mm, t.errors) for t in body.angular},
         tool_offset_mm=body.tool_offset_mm,
         target=body.target,
         repeatability_um=body.repeatability_um,
         mirror_angle_urad=body.mirror_angle_urad,
         travel_mm={axis: (t.min_mm, t.max_mm) for axis, t in machine.axes.items()},
     )
-    return Evaluated(evaluated.result, fields_of(evaluated))
 
 
 _AFTER: Final = tuple(Named(f"after_{axis}", LENGTH, (axis,)) for axis in "xyz")

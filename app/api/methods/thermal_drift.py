@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field
 
-from app.api.methods.method import Evaluated, Method
-from app.api.methods.shapes import Axis, MeasurementAnswer, answer_fields
-from app.api.schemas.error_maps import ComponentAnswer
+from app.api.methods.method import Method
 from app.decimal_text import read_number
 from app.errors import InvalidContent
 from app.files.csv_columns import (
@@ -34,9 +32,8 @@ from app.geometry.components import LINEAR_LETTERS
 from app.in_pieces import InPieces
 from app.measurement.thermal_drift import ThermalDrift, evaluate_thermal_drift
 from app.measurement.thermal_drift_readings import SENSORS, DriftTest
-from app.rounding import Digits
 from app.services.context import Context
-from app.services.measurements import MeasurementRequest, Storing
+from app.services.measurements import Axis, MeasurementAnswer, MeasurementRequest, Storing
 from app.services.thermal_drift import (
     DriftReading,
     KeptState,
@@ -45,7 +42,7 @@ from app.services.thermal_drift import (
     keep_drift,
     running_of,
 )
-from app.stated import Millimetres, Number, Point, Schema, UtcTime
+from app.stated import Millimetres, Number, Point, UtcTime
 from app.thermal.machine import Machine
 from app.units import SECONDS_PER_MIN, read_time
 
@@ -190,54 +187,21 @@ class ThermalDriftRequest(MeasurementRequest):
         return [first_s + minutes * SECONDS_PER_MIN for minutes in self.states_min]
 
 
-class DriftStateAnswer(Schema):
-    """One thermal state of the test: changes since its first reading, at their temperatures."""
-
-    label: str | None = Field(description="The map's name", examples=["Warm-up, 60 min"])
-    after_min: Digits = Field(description="Time after the first reading [min]")
-    time: UtcTime = Field(description="When it was, UTC")
-    temperatures_c: dict[str, Digits] = Field(
-        description="The sensors at that time, interpolated between readings [°C]"
-    )
-    components: list[ComponentAnswer] = Field(
-        description="Changes of the components since the first reading"
-    )
-    map_id: int | None = Field(description="The number of the map that was made of it")
-
-    @classmethod
-    def of(cls, state: KeptState) -> Self:
-        """Show a state."""
-        return cls(
-            label=state.label,
-            after_min=state.after_s / SECONDS_PER_MIN,
-            time=state.time,
-            temperatures_c=dict(state.temperatures_c),
-            components=[ComponentAnswer.computed(table) for table in state.tables],
-            map_id=state.map_id,
-        )
-
-
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ThermalDriftAnswer(MeasurementAnswer):
     """The figures of ISO 230-3's tests in `figures`; `components` are those of the last state."""
 
-    states: list[DriftStateAnswer] = Field(description="Thermal states, in order of time")
-    verification: KeptVerification | None = Field(
-        None, description="The stored verification, where one was asked for"
-    )
+    states: Sequence[KeptState]
+    """Thermal states, in order of time"""
+    verification: KeptVerification | None
+    """The stored verification, where one was asked for"""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Drift(Evaluated):
-    """The test whole: its states and its course too."""
-
-    drift: ThermalDrift
-
-
-def _evaluate(_context: Context, machine: Machine, body: ThermalDriftRequest) -> _Drift:
+def _evaluate(_context: Context, machine: Machine, body: ThermalDriftRequest) -> ThermalDrift:
     running = None
     if body.test is not DriftTest.ENVIRONMENT or body.running_from or body.running_to:
         running = running_of(body.readings, body.running_from, body.running_to)
-    drift = evaluate_thermal_drift(
+    return evaluate_thermal_drift(
         machine.chain,
         body.test,
         [reading.time.timestamp() for reading in body.readings],
@@ -252,7 +216,6 @@ def _evaluate(_context: Context, machine: Machine, body: ThermalDriftRequest) ->
         states_s=body.states_s(),
         repeatability_um=body.repeatability_um,
     )
-    return _Drift(result=drift.result, drift=drift)
 
 
 def _store(
@@ -260,22 +223,17 @@ def _store(
     context: Context,
     machine: Machine,
     body: ThermalDriftRequest,
-    evaluated: _Drift,
+    evaluated: ThermalDrift,
     storing: Storing,
 ) -> ThermalDriftAnswer:
     """Make a map of each state, all of them or none, and keep the course as a verification."""
     nest = Nest(body.point_mm, body.tool_offset_mm)
-    stored_drift = keep_drift(context, machine, body, evaluated.drift, nest, body.readings, storing)
-    fields = answer_fields(stored_drift.measured, body.label)
+    fields = keep_drift(context, machine, body, evaluated, nest, body.readings, storing)
     if body.measured_at is not None or body.temperatures_c:
         fields["notes"].append(
             "measured_at and temperatures_c of the whole were not used: each reading has its own."
         )
-    if stored_drift.verification is not None:
-        fields["verification"] = stored_drift.verification
-    return ThermalDriftAnswer(
-        **fields, states=[DriftStateAnswer.of(state) for state in stored_drift.states]
-    )
+    return ThermalDriftAnswer(**fields)
 
 
 _TIME: Final = Named("time", None)

@@ -24,17 +24,13 @@ from app.api.dependencies import (
 from app.api.media_types import JSON
 from app.api.pages import Page, take_reader
 from app.api.router import Router
-from app.api.schemas.analyses import (
-    AdoptionRequest,
-    AnalysisRequest,
-    PlanRequest,
-)
-from app.api.schemas.models import ChangedModelAnswer
 from app.identification.plan.plan import Plan
 from app.pages.analysis_report import analysis_report, visits_page
 from app.rounding import to_digits_in
-from app.services.adopt_analysis import adopt_analysis, preview_adoption
+from app.services.adopt_analysis import AdoptionRequest, adopt_analysis, preview_adoption
 from app.services.analyses import (
+    AnalysisRequest,
+    PlanRequest,
     cancel_analysis,
     delete_analysis,
     plan_analysis,
@@ -43,7 +39,7 @@ from app.services.analyses import (
     show_analyses,
     show_analysis,
 )
-from app.services.models import Preview
+from app.services.models import ChangedModelAnswer, Preview
 from app.storage.analysis_results import AnalysisWithResult
 from app.storage.records import StoredAnalysis
 
@@ -63,14 +59,7 @@ def post_analysis(
     response: Response,
 ) -> StoredAnalysis:
     """Compare the active model with verifications, as a job: ask for it until it is done."""
-    queued = request_analysis(
-        context,
-        machine,
-        body.verifications,
-        holdout_fraction=body.holdout_fraction,
-        kinds=body.effects,
-        seed=body.seed,
-    )
+    queued = request_analysis(context, machine, body)
     runner.wake()
     response.headers["Location"] = f"/v1/machines/{machine}/analyses/{queued.id}"
     return queued
@@ -85,7 +74,7 @@ def post_plan(context: ContextDep, machine: MachinePath, body: PlanRequest) -> P
 
     Future times are planned on recorded days; the visits that would help most are suggested.
     """
-    return plan_analysis(context, machine, body.to_verifications(), body.verifications)
+    return plan_analysis(context, machine, body)
 
 
 @router.get("", summary="List analyses")
@@ -158,18 +147,8 @@ def post_adopt(
     """
     adoption = body or AdoptionRequest()
     if preview:
-        return preview_adoption(
-            context, machine, analysis_id, adoption.effects, onto_active=adoption.onto_active
-        )
-    new_version = adopt_analysis(
-        context,
-        machine,
-        analysis_id,
-        adoption.effects,
-        onto_active=adoption.onto_active,
-        accept_losses=accept_losses,
-    )
-    return ChangedModelAnswer.of_made(new_version)
+        return preview_adoption(context, machine, analysis_id, adoption)
+    return adopt_analysis(context, machine, analysis_id, adoption, accept_losses=accept_losses)
 
 
 @router.delete("/{analysis_id}", status_code=204, summary="Delete an analysis")

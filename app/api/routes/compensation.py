@@ -18,12 +18,13 @@ from app.api.dependencies import (
 )
 from app.api.media_types import JSON
 from app.api.router import Router
-from app.api.schemas.compensation import (
+from app.api.table_json import (
     CompensationAnswer,
     CompensationRequest,
     CurrentCompensationAnswer,
+    current_table_json,
+    table_json,
 )
-from app.api.table_json import current_table_json, table_json
 from app.services.live_table import current_state, current_table, database_warnings, table_at
 
 router = Router(route_class=DirectRoute, prefix="/v1/machines/{machine}", tags=["live"])

@@ -46,7 +46,7 @@ from app.services.fleet import show_fleet
 from app.services.loop import show_left_of_check, show_loop
 from app.services.machines import show_error_map, show_machine
 from app.services.maps_view import show_maps_view
-from app.services.models import preview_model_activation
+from app.services.models import preview_activation
 from app.services.setup import show_setup
 from app.services.status import show_status
 from app.services.tell_receivers import show_receivers
@@ -216,7 +216,7 @@ def get_compared_residuals(
 @router.get("/machines/{machine}/maps/preview/{version}", response_class=Page)
 def get_activation_preview(context: ContextDep, machine: MachinePath, version: VersionPath) -> Page:
     """Show what activating a version would do, as a part of the page of maps."""
-    preview = preview_model_activation(context, machine, version)
+    preview = preview_activation(context, machine, version)
     return Page(activation_preview(preview, version), scripts=0, headers=_HEADERS)
 
 

@@ -16,9 +16,10 @@ from app.api.dependencies import (
     PreviewQuery,
 )
 from app.api.router import Router
-from app.api.schemas.error_maps import ErrorMapAnswer, ErrorMapSchema
 from app.services.context import Context
 from app.services.error_maps import (
+    ErrorMapAnswer,
+    map_answer,
     preview_error_map,
     preview_withdrawal,
     store_error_map,
@@ -52,7 +53,7 @@ NOTHING_NEW: Final[dict[int | str, dict[str, Any]]] = {
 def post_error_map(
     context: ContextDep,
     machine: MachinePath,
-    body: ErrorMapSchema,
+    body: ErrorMap,
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
@@ -63,25 +64,24 @@ def post_error_map(
     answer says what is lost, and how to activate it all the same. The same content under the
     same label again answers 200 with the stored map. A preview answers 200 too.
     """
-    error_map = body.to_error_map()
     if preview:
         response.status_code = 200
-        return preview_error_map(context, machine, error_map)
-    return store_map(context, machine, error_map, response, accept_losses=accept_losses)
+        return preview_error_map(context, machine, body)
+    return store_map(context, machine, body, response, accept_losses=accept_losses)
 
 
 @router.get("", summary="List error maps", response_model_exclude_none=True)
 def get_error_maps(context: ContextDep, machine: MachinePath) -> list[ErrorMapAnswer]:
     """List a machine's maps in the order in which they were stored."""
     maps, active = show_error_maps(context, machine)
-    return [ErrorMapAnswer.of(m, m.id in active) for m in maps]
+    return [map_answer(m, m.id in active) for m in maps]
 
 
 @router.get("/{map_id}", summary="Show an error map", response_model_exclude_none=True)
 def get_error_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> ErrorMapAnswer:
     """Show one map."""
     stored, in_active_model = show_error_map(context, machine, map_id)
-    return ErrorMapAnswer.of(stored, in_active_model)
+    return map_answer(stored, in_active_model)
 
 
 @router.delete(
@@ -119,5 +119,5 @@ def store_map(
     warnings = [*notes, *outcome.remarks]
     # A map that costs nothing is answered as it is shown, now and later.
     made = outcome.made
-    change = dict(made.change) if made and made.change.loses else {}
-    return ErrorMapAnswer.of(outcome.stored, outcome.in_active_model, warnings, change)
+    change = made.change if made and made.change.loses else None
+    return map_answer(outcome.stored, outcome.in_active_model, warnings, change)

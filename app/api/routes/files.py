@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Union
 
@@ -12,16 +13,11 @@ from app.api.bodies import FileRoute, in_a_thread
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.media_types import HTML, JSON
 from app.api.methods.registry import METHODS
-from app.api.methods.shapes import MeasurementAnswer
 from app.api.negotiation import chosen_form
 from app.api.pages import Page, take_reader
 from app.api.router import Router
 from app.api.routes.error_maps import store_map
 from app.api.routes.verifications import answer_to_verification
-from app.api.schemas.analyses import PlannedVerification, VisitPreview
-from app.api.schemas.error_maps import ErrorMapAnswer, MapPreview
-from app.api.schemas.verifications import StoredVerificationAnswer, VerificationPreview
-from app.api.uploaded_verification import UploadedVerification
 from app.api.uploads import (
     FILE_BODY,
     BesideQuery,
@@ -29,6 +25,7 @@ from app.api.uploads import (
     FileName,
     FoundMap,
     FoundReadings,
+    FoundVerification,
     StoringQuery,
     refuse_what_readings_have,
     uploaded_map,
@@ -40,11 +37,15 @@ from app.pages.dashboard.loop import check_preview
 from app.pages.dashboard.maps import upload_preview
 from app.pages.what_was_read import read_of_map, read_of_verification
 from app.services.context import Context
-from app.services.error_maps import preview_error_map
-from app.services.measurements import Storing, measured_machine
+from app.services.error_maps import ErrorMapAnswer, MapPreview, preview_error_map
+from app.services.measurements import MeasurementAnswer, Storing, measured_machine
+from app.services.observations import PlannedVerification, VisitPreview
 from app.services.verifications import (
+    StoredVerificationAnswer,
+    VerificationPreview,
     check_places,
     check_verification,
+    extent_of,
     remarks_on_verification,
     without_readings,
 )
@@ -56,7 +57,7 @@ PlannedQuery = Annotated[
         "preview gives them as `…/analyses/plan` takes them"
     ),
 ]
-Found = FoundMap | FoundReadings | UploadedVerification
+Found = FoundMap | FoundReadings | FoundVerification
 
 ImportedFile = (
     ErrorMapAnswer | StoredVerificationAnswer | MapPreview | VerificationPreview | VisitPreview
@@ -146,7 +147,7 @@ def post_file(
     as_page = storing.preview and not planned and chosen_form(accept, [JSON, HTML]) == HTML
     if as_page:
         take_reader(request)
-    if isinstance(upload, UploadedVerification):
+    if isinstance(upload, FoundVerification):
         answer = _answer_to_check(context, machine, upload, storing, response, planned=planned)
         if as_page and isinstance(answer, VerificationPreview):
             return _page(check_preview(upload.verification, name, answer.warnings))
@@ -165,7 +166,7 @@ def _page(part: str) -> Page:
 def _answer_to_check(
     context: Context,
     machine: str,
-    upload: UploadedVerification,
+    upload: FoundVerification,
     storing: Storing,
     response: Response,
     *,
@@ -190,7 +191,8 @@ def _answer_to_check(
         *remarks_on_verification(context, machine, check),
         *without_readings(context, machine, check),
     ]
-    return VerificationPreview.of(check, remarks, list(read_of_verification(check).lines()))
+    read = list(read_of_verification(check).lines())
+    return VerificationPreview(**extent_of(check), warnings=remarks, read=read)
 
 
 def _answer_to_map(
@@ -227,7 +229,7 @@ def _answer_to_readings(
         response.headers["Location"] = f"/v1/machines/{machine}/error-maps/{answer.map_id}"
     if not answer.is_new:
         response.status_code = 200
-    return answer.model_copy(update={"warnings": list(found.remarks)})
+    return replace(answer, warnings=found.remarks)
 
 
 def _preview_of_map(

@@ -7,9 +7,8 @@ from app.api.access import needs
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, FleetQuestionQuery, RunnerDep
 from app.api.router import Router
-from app.api.schemas.analyses import TriedEffectRequest
 from app.identification.analysis.tried_effect import TriedEffect
-from app.services.analyses import try_found_effect
+from app.services.analyses import TriedEffectRequest, try_found_effect
 from app.services.fleet import FleetRequest, FleetView, analyse_fleet, cancel_fleet, show_fleet
 
 router = Router(route_class=BodyRoute, prefix="/v1/fleet", tags=["closing the loop"])
@@ -59,12 +58,4 @@ def post_tried_effect(context: ContextDep, body: TriedEffectRequest) -> TriedEff
 
     Nothing is fitted and nothing is stored: every set-up of the other machine is held out.
     """
-    return try_found_effect(
-        context,
-        body.machine,
-        body.analysis,
-        body.effect,
-        body.on,
-        body.verifications,
-        body.tried_together,
-    )
+    return try_found_effect(context, body)

@@ -12,8 +12,7 @@ from app.api.access import Access, AccessControl
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep
 from app.api.router import Router
-from app.api.schemas.keys import KeyRequest
-from app.services.access_keys import create_key, revoke_key, show_keys
+from app.services.access_keys import KeyRequest, create_key, revoke_key, show_keys
 
 
 async def expect_keys(request: Request) -> None:

@@ -9,11 +9,13 @@ from app.api.access import needs, sees
 from app.api.bodies import BodyRoute
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
-from app.api.schemas.machines import MachineAnswer, MachinePatch
 from app.services.machines import (
+    MachineAnswer,
+    MachinePatch,
     change_machine,
     create_machine,
     delete_machine,
+    machine_answer,
     show_machine,
     show_machines,
 )
@@ -34,32 +36,27 @@ def post_machine(context: ContextDep, body: Machine, response: Response) -> Mach
     stored, is_new = create_machine(context, body)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = f"/v1/machines/{stored.machine.id}"
-    return MachineAnswer.of(stored)
+    return machine_answer(stored)
 
 
 @router.get("", summary="List machines")
 def get_machines(request: Request, context: ContextDep) -> list[MachineAnswer]:
     """List all machines by id."""
     may_see = sees(request)
-    stored = [
-        stored_machine
-        for stored_machine in show_machines(context)
-        if may_see(stored_machine.machine.id)
-    ]
-    return [MachineAnswer.of(stored_machine) for stored_machine in stored]
+    return [machine_answer(m) for m in show_machines(context) if may_see(m.machine.id)]
 
 
 @router.get("/{machine}", summary="Show a machine")
 def get_machine(context: ContextDep, machine: MachinePath) -> MachineAnswer:
     """Show one machine."""
-    return MachineAnswer.of(show_machine(context, machine))
+    return machine_answer(show_machine(context, machine))
 
 
 @router.patch("/{machine}", summary="Change a machine")
 @needs(Role.ADMIN)
 def patch_machine(context: ContextDep, machine: MachinePath, body: MachinePatch) -> MachineAnswer:
     """Change the stated settings; the live table follows at once."""
-    return MachineAnswer.of(change_machine(context, machine, body.apply))
+    return machine_answer(change_machine(context, machine, body.apply))
 
 
 @router.delete("/{machine}", status_code=204, summary="Delete a machine")

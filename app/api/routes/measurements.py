@@ -21,10 +21,10 @@ from app.api.dependencies import (
 )
 from app.api.methods.method import Method
 from app.api.methods.registry import METHODS
-from app.api.methods.shapes import MeasurementAnswer
 from app.api.router import Router
 from app.api.turns import Turns
 from app.services.measurements import (
+    MeasurementAnswer,
     SimulatedStepDiagonal,
     StepDiagonalSimulation,
     Storing,
@@ -78,7 +78,6 @@ def _add_route(method: Method[Any, Any]) -> None:
         f"/{method.name}",
         summary=method.summary,
         description=method.about,
-        response_model_exclude_unset=True,
     )(measure)
 
 

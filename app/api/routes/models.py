@@ -15,31 +15,32 @@ from app.api.dependencies import (
     VersionPath,
 )
 from app.api.router import Router
-from app.api.schemas.models import (
-    AssignmentSchema,
-    ChangedModelAnswer,
-    ModelAnswer,
-    WaitingAssignmentAnswer,
-)
-from app.services.machines import ModelCoverage, show_coverage, show_model, show_models
 from app.services.models import (
+    Assignment,
+    ChangedModelAnswer,
     Correlated,
+    ModelAnswer,
+    ModelCoverage,
     Preview,
+    WaitingAssignmentAnswer,
     activate_model,
     assign_sensors,
     correlate_sensors,
+    preview_activation,
     preview_assignment,
-    preview_model_activation,
     sensor_assignment,
+    show_coverage,
+    show_model,
+    show_models,
 )
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["models"])
 
 
 @router.get("/sensor-assignment", summary="Show which sensor each component follows")
-def get_assignment(context: ContextDep, machine: MachinePath) -> AssignmentSchema:
-    """Show the active version's assignment."""
-    return AssignmentSchema.of(dict(sensor_assignment(context, machine)))
+def get_assignment(context: ContextDep, machine: MachinePath) -> dict[str, str]:
+    """Show the active version's assignment: component to sensor."""
+    return sensor_assignment(context, machine)
 
 
 @router.put(
@@ -50,24 +51,23 @@ def get_assignment(context: ContextDep, machine: MachinePath) -> AssignmentSchem
 def put_assignment(
     context: ContextDep,
     machine: MachinePath,
-    body: AssignmentSchema,
+    body: Assignment,
     response: Response,
     preview: PreviewQuery = False,
     accept_losses: AcceptLossesQuery = False,
-) -> AssignmentSchema | WaitingAssignmentAnswer | Preview:
+) -> dict[str, str] | WaitingAssignmentAnswer | Preview:
     """Assign sensors; components that are not named keep theirs. Makes the next version.
 
     A version whose tables would lose something against the active one is stored and waits: the
     answer is 202 then, and says what is lost and how to activate it all the same.
     """
     if preview:
-        return preview_assignment(context, machine, body.to_codes())
-    assigned = assign_sensors(context, machine, body.to_codes(), accept_losses=accept_losses)
-    assignment = AssignmentSchema.of(dict(assigned.assignment))
-    if assigned.made is None or assigned.made.is_active:
-        return assignment
-    response.status_code = 202
-    return WaitingAssignmentAnswer(assignment=assignment.root, **dict(assigned.made.change))
+        return preview_assignment(context, machine, body)
+    assigned = assign_sensors(context, machine, body, accept_losses=accept_losses)
+    if isinstance(assigned, WaitingAssignmentAnswer):
+        response.status_code = 202
+        return assigned
+    return dict(assigned)
 
 
 @router.post("/sensor-assignment/correlate", summary="Propose sensors by correlation")
@@ -80,14 +80,13 @@ def post_correlate(context: ContextDep, machine: MachinePath) -> Correlated:
 @router.get("/models", summary="List model versions")
 def get_models(context: ContextDep, machine: MachinePath) -> list[ModelAnswer]:
     """List all versions, oldest first."""
-    versions, active, waiting = show_models(context, machine)
-    return [ModelAnswer.of(version, active, waiting) for version in versions]
+    return show_models(context, machine)
 
 
 @router.get("/models/{version}", summary="Show a model version")
 def get_model(context: ContextDep, machine: MachinePath, version: VersionPath) -> ModelAnswer:
     """Show one version with its maps and assignment."""
-    return ModelAnswer.of(*show_model(context, machine, version))
+    return show_model(context, machine, version)
 
 
 @router.get("/models/{version}/coverage", summary="Show what a model version covers")
@@ -106,5 +105,5 @@ def post_activate(
     that is active: the next version is made of that.
     """
     if preview:
-        return preview_model_activation(context, machine, version)
-    return ChangedModelAnswer.of_made(activate_model(context, machine, version))
+        return preview_activation(context, machine, version)
+    return activate_model(context, machine, version)

@@ -7,7 +7,7 @@ from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
 from app.api.router import Router
-from app.api.schemas.predictions import PredictionRequest
+from app.services.observations import PredictionRequest
 from app.services.predictions import Predictions, predict_errors
 
 router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
@@ -24,7 +24,7 @@ def post_predictions(
     return predict_errors(
         context,
         machine,
-        body.to_observations(),
+        body.observations,
         body.model_version,
         missing_as_zero=body.missing_components == "zero",
     )

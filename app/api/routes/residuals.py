@@ -19,18 +19,16 @@ from app.api.negotiation import chosen_form
 from app.api.pages import Page
 from app.api.residual_rows import residual_rows, residuals_csv
 from app.api.router import Router
-from app.api.schemas.residuals import (
-    MOST_ROWS,
-    ComparisonRequest,
-    ResidualsRequest,
-)
 from app.identification.analysis.residual_curves import residual_curves
 from app.identification.analysis.residual_report import ResidualFigures
 from app.pages.residuals_page import ResidualsHead, residuals_page
 from app.rounding import to_digits_in
 from app.services.residuals import (
+    MOST_ROWS,
+    ComparisonRequest,
     ModelComparison,
     ResidualsAnswer,
+    ResidualsRequest,
     ShownResiduals,
     compare_models,
     show_residuals,

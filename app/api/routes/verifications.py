@@ -15,17 +15,14 @@ from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath, VerificationPath
 from app.api.media_types import JSON
 from app.api.router import Router
-from app.api.schemas.verifications import (
-    MeasuredObservation,
-    StoredVerificationAnswer,
-    VerificationRequest,
-    WholeVerificationAnswer,
-)
 from app.api.table_json import OPTIONS
 from app.effects.observations import Verification
 from app.services.context import Context
+from app.services.observations import MeasuredObservation, VerificationRequest
 from app.services.verifications import (
+    StoredVerificationAnswer,
     Watch,
+    WholeVerificationAnswer,
     delete_verification,
     remarks_on_verification,
     show_verification,

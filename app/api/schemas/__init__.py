@@ -1,1 +1,0 @@
-"""The shapes of what travels over HTTP, with units and examples."""
