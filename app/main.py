@@ -25,32 +25,21 @@ from app.api.metrics import Metrics
 from app.api.openapi import DESCRIPTION, TAGS, document_problems, swagger_page
 from app.api.pages import PAGE_HEADERS, Page
 from app.api.routes import (
-    analyses,
-    compensation,
-    connections,
     controllers,
     dashboard,
     error_maps,
     events,
-    file_downloads,
     files,
-    fleet,
     geometry,
     health,
-    history,
     keys,
-    login,
+    live,
+    loop,
     machines,
     measurements,
     models,
-    pictures,
-    predictions,
     readings,
-    receivers,
-    residuals,
-    status,
     streams,
-    verifications,
 )
 from app.api.service import ThermapService
 from app.api.streams import TableStreams
@@ -77,32 +66,21 @@ from app.storage.limits import Limits
 from app.storage.migrate import Upgraded, upgrade
 
 ROOMS = (
-    compensation,
-    predictions,
+    live,
     streams,
-    status,
     controllers,
     geometry,
-    pictures,
     machines,
-    file_downloads,
     files,
     error_maps,
     measurements,
     models,
     readings,
-    history,
-    verifications,
-    residuals,
-    analyses,
-    fleet,
+    loop,
     events,
-    connections,
-    receivers,
     keys,
     health,
     dashboard,
-    login,
 )
 """The routes, in the order in which /docs lists them."""
 

@@ -52,10 +52,10 @@ def made(make: Callable[[Any], Any], field: str = "", kind: Any = AfterValidator
             return make(stated)
         except InvalidContent as refused:
             wrong = refused.errors or [FieldError("", refused.detail)]
-            places = [e.field.removeprefix(field).strip(".") for e in wrong]
+            places = [_in_utf_8(e.field.removeprefix(field).strip(".")) for e in wrong]
             lines: list[InitErrorDetails] = [
                 {
-                    "type": PydanticCustomError(REFUSED, "{said}", {"said": e.message}),
+                    "type": PydanticCustomError(REFUSED, "{said}", {"said": _in_utf_8(e.message)}),
                     "loc": tuple(place.split(".")) if place else (),
                     "input": None,
                 }
@@ -64,6 +64,11 @@ def made(make: Callable[[Any], Any], field: str = "", kind: Any = AfterValidator
         raise ValidationError.from_exception_data(REFUSED, lines)
 
     return kind(check)
+
+
+def _in_utf_8(text: str) -> str:
+    """Write half characters as what they are: pydantic has no others in its errors."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 _DATE_AND_HOUR = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d")

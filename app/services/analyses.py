@@ -246,7 +246,7 @@ def try_found_effect(context: Context, request: TriedEffectRequest) -> TriedEffe
     Conflict
         If the analysis has no result, or the machine no model yet.
     """
-    found_on, number, place = request.machine, request.analysis, request.effect
+    found_on, analysis_id, place = request.machine, request.analysis, request.effect
     expect_each_once("verifications", request.verifications)
     if request.on == found_on:
         raise InvalidContent.of_field(
@@ -254,13 +254,13 @@ def try_found_effect(context: Context, request: TriedEffectRequest) -> TriedEffe
         )
     with context.database.reading() as session:
         find_machine(session, found_on)
-        row = find_analysis(session, found_on, number, result=True)
+        row = find_analysis(session, found_on, analysis_id, result=True)
         if row.result is None:
-            raise Conflict(f"analysis {number} has found nothing yet: it is {row.status}")
+            raise Conflict(f"analysis {analysis_id} has found nothing yet: it is {row.status}")
         effects = RESULTS.read_text(row.result).effects
         if place >= len(effects):
             existing = existing_names(str(i) for i in range(len(effects)))
-            raise UnknownThing(f"analysis {number} has no effect {place}; {existing}")
+            raise UnknownThing(f"analysis {analysis_id} has no effect {place}; {existing}")
         machine, version = choose_version(session, request.on)
         verifications = read_verifications(session, request.on, request.verifications)
         campaign = load_campaign(

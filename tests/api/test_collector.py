@@ -13,7 +13,7 @@ import pytest
 from app.api import bodies, collector, uploads
 from app.api.collector import uncollected
 from app.api.long_bodies import AT_ONCE
-from app.api.routes import verifications
+from app.api.routes import loop
 from app.api.turns import AT_WORK
 from app.errors import InvalidContent
 from app.services.verifications import store_verification
@@ -78,7 +78,7 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
             met["collects when let go"] = gc.isenabled()
             super().release()
 
-    monkeypatch.setattr(verifications, "store_verification", store_the_first)
+    monkeypatch.setattr(loop, "store_verification", store_the_first)
     monkeypatch.setattr(bodies, "ReadRequest", Noting)
     observations = [OBSERVATION | {"measured_um": 0.001 * i} for i in range(count)]
     body = json.dumps({"label": "long", "observations": observations})

@@ -1,8 +1,8 @@
-"""The machine in three dimensions: errors at points, grids, accuracy, levels, rotary axes."""
+"""The machine in three dimensions: errors at points, grids, accuracy, levels, and pictures."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import orjson
 from fastapi import Header, Query
@@ -12,20 +12,26 @@ from app.access.keys import Role
 from app.api.access import needs
 from app.api.bodies import BodyRoute, body_of_at_most
 from app.api.dependencies import ContextDep, MachinePath
-from app.api.media_types import ANSWER_HEADER, ARROW, JSON, NPY
+from app.api.media_types import ANSWER_HEADER, ARROW, HTML, JSON, NPY
 from app.api.negotiation import chosen_form
+from app.api.pages import Page
 from app.api.router import Router
 from app.api.table_json import OPTIONS
 from app.api.vectors import vectors_response
 from app.geometry.line_accuracy import LineAccuracy, LinesRequest, line_accuracy
 from app.geometry.nonrigid_presets import NONRIGID_PRESETS, NonrigidPreset
+from app.pages.picture_page import picture_page
+from app.pages.plotly_script import INLINE
+from app.pictures.figure_json import figure_json
 from app.services.compute_grid import Grid, GridRequest, compute_grid
+from app.services.context import Context
 from app.services.geometry import (
     Accuracy,
     AccuracyRequest,
     Levels,
     LevelsRequest,
     NeededComponents,
+    PictureRequest,
     RotaryError,
     RotaryErrorRequest,
     VolumetricError,
@@ -35,6 +41,7 @@ from app.services.geometry import (
     compare_levels,
     compute_rotary_error,
     compute_volumetric_error,
+    picture_work_volume,
 )
 
 router = Router(route_class=BodyRoute, tags=["geometry"])
@@ -161,3 +168,73 @@ def get_needed_components(
 def get_nonrigid_presets() -> list[NonrigidPreset]:
     """List which nonrigid slopes each kind of machine has (8.19–8.54)."""
     return list(NONRIGID_PRESETS.values())
+
+
+_pictures = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["geometry"])
+
+PLOTLY_JS = "/docs-assets/plotly.min.js"
+"""Where a browser finds plotly, and keeps it; a page that is asked for as a file contains it."""
+
+_FORMS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A page, or a plotly figure as JSON: what other answers about the machine "
+        "in three dimensions have as `complete`, `warnings` and `counted_as_zero` stands in its "
+        "`layout.meta`",
+        "content": {HTML: {"schema": {"type": "string"}}, JSON: {"schema": {"type": "object"}}},
+    }
+}
+AcceptHeader = Annotated[str, Header(description=f"`{HTML}` or `{JSON}`")]
+
+
+@_pictures.get(
+    "/picture",
+    summary="Picture of the distorted work volume at the latest reading",
+    responses=_FORMS,
+    response_class=Response,
+)
+def get_picture(
+    context: ContextDep,
+    machine: MachinePath,
+    missing_components: Annotated[
+        Literal["refuse", "zero"],
+        Query(description="Whether components that no two maps have may count as zero"),
+    ] = "refuse",
+    accept: AcceptHeader = JSON,
+) -> Response:
+    """Draw the work volume with exaggerated error vectors; a browser is shown a page.
+
+    The page loads plotly from the service: it is no file to be kept. `POST` writes one that is.
+    """
+    body = PictureRequest.model_validate({"missing_components": missing_components})
+    return _picture(context, machine, body, accept, PLOTLY_JS)
+
+
+@_pictures.post(
+    "/picture",
+    summary="Picture of the distorted work volume",
+    responses=_FORMS,
+    response_class=Response,
+)
+@needs(Role.VIEWER)
+def post_picture(
+    context: ContextDep, machine: MachinePath, body: PictureRequest, accept: AcceptHeader = JSON
+) -> Response:
+    """Draw the work volume at stated temperatures, with a tool offset, in a stated volume.
+
+    The page contains plotly, some 5 MB: as a file it needs no other.
+    """
+    return _picture(context, machine, body, accept, INLINE)
+
+
+def _picture(
+    context: Context, machine: str, body: PictureRequest, accept: str, plotly_js: str
+) -> Response:
+    figure = picture_work_volume(context, machine, body)
+    headers = {"Vary": "Accept", "Cache-Control": "no-cache"}
+    if chosen_form(accept, [JSON, HTML]) == HTML:
+        written = picture_page(figure, plotly_js=plotly_js)
+        return Page(written, scripts=2 if plotly_js == INLINE else 1, headers=headers)
+    return Response(figure_json(figure), media_type=JSON, headers=headers)
+
+
+router.routes.extend(_pictures.routes)

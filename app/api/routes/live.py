@@ -1,4 +1,4 @@
-"""The live table, from memory."""
+"""The live table, from memory; predictions; whether machines can be trusted now."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from fastapi import Header, Request
 from starlette.responses import Response
 
 from app.access.keys import Role
-from app.api.access import needs
-from app.api.bodies import DirectRoute, Written
+from app.api.access import needs, sees
+from app.api.bodies import BodyRoute, DirectRoute, Written, body_of_at_most
 from app.api.dependencies import (
     ContextDep,
     MachinePath,
@@ -26,11 +26,15 @@ from app.api.table_json import (
     table_json,
 )
 from app.services.live_table import current_state, current_table, database_warnings, table_at
+from app.services.observations import PredictionRequest
+from app.services.predictions import Predictions, predict_errors
+from app.services.status import show_status, show_statuses
+from app.status.machine_status import MachineStatus
 
-router = Router(route_class=DirectRoute, prefix="/v1/machines/{machine}", tags=["live"])
+_direct = Router(route_class=DirectRoute, prefix="/v1/machines/{machine}", tags=["live"])
 
 
-@router.post(
+@_direct.post(
     "/compensation",
     summary="Compensation table for stated temperatures",
     response_model=CompensationAnswer,
@@ -46,7 +50,7 @@ async def post_compensation(
     return Written(table_json(table))
 
 
-@router.get(
+@_direct.get(
     "/compensation",
     summary="Compensation table at the latest reading",
     response_model=CurrentCompensationAnswer,
@@ -76,3 +80,45 @@ def _matches(if_none_match: str, tag: str) -> bool:
     """Compare weakly (RFC 9110, 13.1.2)."""
     tags = {part.strip().removeprefix("W/") for part in if_none_match.split(",")}
     return f'"{tag}"' in tags or "*" in tags
+
+
+router = Router(route_class=BodyRoute, prefix="/v1/machines/{machine}", tags=["live"])
+
+
+@router.post(
+    "/predictions", summary="Predict errors at given times", openapi_extra=body_of_at_most(32)
+)
+@needs(Role.VIEWER)
+def post_predictions(
+    context: ContextDep, machine: MachinePath, body: PredictionRequest
+) -> Predictions:
+    """Say what the model predicts, with the stored readings' temperatures at each time."""
+    return predict_errors(
+        context,
+        machine,
+        body.observations,
+        body.model_version,
+        missing_as_zero=body.missing_components == "zero",
+    )
+
+
+_status = Router(route_class=BodyRoute, prefix="/v1", tags=["live"])
+
+
+@_status.get("/status", summary="Whether the machines can be trusted now")
+def get_statuses(request: Request, context: ContextDep) -> list[MachineStatus]:
+    """Give every machine's verdict, by id: what it rests on, why not, and how large it may be."""
+    may_see = sees(request)
+    return [status for status in show_statuses(context) if may_see(status.machine)]
+
+
+@_status.get("/machines/{machine}/status", summary="Whether a machine can be trusted now")
+def get_status(context: ContextDep, machine: MachinePath) -> MachineStatus:
+    """Give one machine's verdict.
+
+    Pages, streams and the command line repeat it word for word; it is judged here alone.
+    """
+    return show_status(context, machine)
+
+
+router.routes.extend([*_direct.routes, *_status.routes])
