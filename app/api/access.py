@@ -199,19 +199,23 @@ class Viewer:
 
     Parameters
     ----------
+    ring
+        The keys; without it all there is may be sent.
     authorization
         By what the stream was let in; None where no key is asked for.
     """
 
-    def __init__(self, control: AccessControl, authorization: Authorization | None) -> None:
-        self._control = control
+    def __init__(
+        self, ring: KeyRing | None = None, authorization: Authorization | None = None
+    ) -> None:
+        self._ring = ring
         self._authorization = authorization
 
     def is_welcome(self) -> bool:
         """Whether the key is still one, and may follow the stream."""
-        if self._authorization is None:
+        if self._ring is None or self._authorization is None:
             return True
-        stored = self._control.ring.find(self._authorization.digest)
+        stored = self._ring.find(self._authorization.digest)
         try:
             self._authorization.requirement.check(None if stored is None else stored.key)
         except AccessRefused:
@@ -220,16 +224,16 @@ class Viewer:
 
     def sees(self, machine_id: str) -> bool:
         """Whether what is about the machine that has this id now may be sent."""
-        if self._authorization is None:
+        if self._ring is None or self._authorization is None:
             return True
-        stored = self._control.ring.find(self._authorization.digest)
-        return stored is not None and self._control.ring.sees(stored, machine_id)
+        stored = self._ring.find(self._authorization.digest)
+        return stored is not None and self._ring.sees(stored, machine_id)
 
     def sees_entry(self, machine_id: str | None, number: int) -> bool:
         """Whether an entry of the event log may be sent, which has this number."""
-        if self._authorization is None:
+        if self._ring is None or self._authorization is None:
             return True
-        stored = self._control.ring.find(self._authorization.digest)
+        stored = self._ring.find(self._authorization.digest)
         if stored is None or stored.key.machines is None:
             return stored is not None
         birth = stored.births.get(machine_id or "")
@@ -283,7 +287,8 @@ def sees(request: Request) -> Callable[[str], bool]:
 
 def viewer(request: Request) -> Viewer:
     """Give who follows the stream that a request opens."""
-    return Viewer(request.app.state.access, getattr(request.state, "authorization", None))
+    control: AccessControl = request.app.state.access
+    return Viewer(control.ring, getattr(request.state, "authorization", None))
 
 
 def stated_secret(scope: Scope) -> str | None:

@@ -15,12 +15,13 @@ import time
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Sequence
 from contextlib import aclosing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
 from app.access.authorization import as_service
+from app.api.access import Viewer
 from app.api.streamed_log import AT_ONCE, NEWS, LogFollower, StreamedLog
 from app.api.streamed_table import Feed, Table, judge_anew, remember, write_step, write_table
 from app.api.table_json import current_table_json
@@ -58,6 +59,9 @@ TABLES: Final[frozenset[str]] = frozenset(("table", "status"))
 
 MARKS: Final = 1_000_000
 """Numbers of tables end in digits that are one service's own: to another they say nothing."""
+
+EVERYTHING: Final = Viewer()
+"""Who may be sent all there is."""
 
 _ROUNDING: Final = 1e-9
 """Of a limit on a change: differences of rounded numbers."""
@@ -98,35 +102,6 @@ class StreamEvent(NamedTuple):
     content: bytes = b""
 
 
-class Viewer(Protocol):
-    """Who follows: what may be sent now, which may be less than when the stream began."""
-
-    def is_welcome(self) -> bool:
-        """Whether the stream may go on."""
-
-    def sees(self, machine_id: str) -> bool:
-        """Whether what is about the machine of this id may be sent."""
-
-    def sees_entry(self, machine_id: str | None, number: int) -> bool:
-        """Whether the entry of the event log with this number may be sent."""
-
-
-class Everything:
-    """A viewer who may be sent all there is."""
-
-    def is_welcome(self) -> bool:
-        """Say that the stream may go on."""
-        return True
-
-    def sees(self, machine_id: str) -> bool:
-        """Say that it may be sent."""
-        return True
-
-    def sees_entry(self, machine_id: str | None, number: int) -> bool:
-        """Say that it may be sent."""
-        return True
-
-
 class TableStreams:
     """The machines that are followed, and who follows them."""
 
@@ -150,7 +125,7 @@ class TableStreams:
         self._wake_all()
 
     async def follow(
-        self, machine_id: str | None, wanted: Wanted, viewer: Viewer | None = None
+        self, machine_id: str | None, wanted: Wanted, viewer: Viewer = EVERYTHING
     ) -> AsyncIterator[bytes]:
         """Send what changes of one machine, or of all, until follower, key or machine goes.
 
@@ -163,8 +138,7 @@ class TableStreams:
         heartbeat = format_sse_event(comment="heartbeat")
         if wanted.heartbeat_s is not None:
             heartbeat = format_sse_event(event="heartbeat", data_str="{}")
-        who = viewer or Everything()
-        async with aclosing(self._events(machine_id, wanted, who)) as events:
+        async with aclosing(self._events(machine_id, wanted, viewer)) as events:
             async for stream_event in events:
                 yield heartbeat if stream_event is None else _written(stream_event)
 
@@ -173,7 +147,7 @@ class TableStreams:
     ) -> AsyncGenerator[TableEvent, None]:
         """Give what changes of all machines to those who do not ask over HTTP."""
         wanted = Wanted(min_change, max_step)
-        async with aclosing(self._events(None, wanted, Everything())) as events:
+        async with aclosing(self._events(None, wanted, EVERYTHING)) as events:
             async for stream_event in events:
                 if stream_event is not None:
                     yield TableEvent(stream_event.machine, stream_event.name, stream_event.content)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from app.access.authorization import key_asking, may_make_machines, may_write
 from app.errors import counted
 from app.languages import decimal_mark, messages_of_scripts, names, translations
-from app.pages.dashboard.navigation import MACHINE_PAGES
+from app.pages.dashboard.navigation import MACHINE_PAGES, Shown
 from app.pages.dashboard.numbers import (
     age,
     degrees,
@@ -151,3 +151,14 @@ def render_live(template: str, **shown: Any) -> str:
     """Write a page of the dashboard, which asks for itself again when something changes."""
     written: str = _ENVIRONMENT.get_template(template).render(**shown)
     return written
+
+
+def render_machine(
+    template: str, page: str, machine_id: str, name: str, now: datetime, **shown: Any
+) -> str:
+    """Write a page about a machine, in the frame that all of them have."""
+    stream = f"/v1/machines/{machine_id}/compensation/stream"
+    machine = Shown(machine_id, name)
+    return render_live(
+        f"dashboard/{template}.html", page=page, machine=machine, stream=stream, now=now, **shown
+    )

@@ -1,8 +1,8 @@
-"""What the pages of the dashboard show: verdicts, the course of temperatures, curves and maps."""
+"""What pages show of machines: all of them, one now, its set-up, its maps and versions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,12 +15,18 @@ from app.geometry.components import Component
 from app.live.registry import LiveMachine
 from app.services.context import Context
 from app.services.live_table import current_state, table_of_state
+from app.services.models import PresentChange, compare_now
 from app.services.status import machine_in_memory, status_of, stored_of_machines
 from app.status.machine_status import MachineStatus
 from app.storage.events import list_events
 from app.storage.limits import QUESTION
+from app.storage.machines import find_machine
+from app.storage.model_versions import active_version, list_versions, waiting_version
+from app.storage.records import ModelVersion
 from app.thermal.bracket import Status
 from app.thermal.group_state import GroupState
+from app.thermal.machine import Machine
+from app.thermal.sensor_assignment import Proposal, propose_assignment
 from app.units import SECONDS_PER_H
 
 EVENTS_SHOWN = 4
@@ -161,3 +167,82 @@ def _map_curves(state: GroupState, component: Component) -> tuple[MapCurve, MapC
         MapCurve(state.upper_map, member.positions_mm, above),
         MapCurve("trend", member.positions_mm, (1.0 - share) * below + share * above),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetupView:
+    """A machine, its newest version, and the sensors that its maps speak for.
+
+    `version` is the one that waits, where one waits: it has all that was stored, and the next
+    assignment is made of it. None before the first map.
+    """
+
+    status: MachineStatus
+    machine: Machine
+    version: ModelVersion | None = None
+    proposals: Sequence[Proposal] = ()
+
+
+def show_setup(context: Context, machine_id: str) -> SetupView:
+    """Gather what the page of a machine's set-up shows."""
+    live = machine_in_memory(context, machine_id)
+    status = status_of(context, live, stored_of_machines(context))
+    machine = live.current.model.machine
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        version = waiting_version(session, row) or active_version(session, row)
+    if version is None:
+        return SetupView(status, machine)
+    maps = [stored.error_map for stored in version.maps]
+    return SetupView(
+        status, machine, version, propose_assignment(machine, maps, version.assignment)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapsView:
+    """A machine's versions, oldest first; which is active, which waits, and which are compared.
+
+    `compared` says by how much tables with `b` differ from those with `a` now; None where there
+    are not two versions.
+    """
+
+    status: MachineStatus
+    sensors: Sequence[str]
+    versions: Sequence[ModelVersion]
+    active: int | None
+    waiting: int | None
+    a: int | None = None
+    b: int | None = None
+    compared: PresentChange | None = None
+
+    @property
+    def active_version(self) -> ModelVersion | None:
+        """The version that tables follow."""
+        return next((version for version in self.versions if version.version == self.active), None)
+
+
+def show_maps_view(
+    context: Context, machine_id: str, a: int | None = None, b: int | None = None
+) -> MapsView:
+    """Gather what the page of maps and versions shows.
+
+    Parameters
+    ----------
+    a, b
+        The two versions to compare; without them the active one, with the one before it.
+    """
+    live = machine_in_memory(context, machine_id)
+    status = status_of(context, live, stored_of_machines(context))
+    sensors = tuple(live.current.model.machine.sensors)
+    with context.database.reading() as session:
+        row = find_machine(session, machine_id)
+        active, waiting = row.active_version, row.waiting_version
+        versions = list_versions(session, machine_id)
+    numbers = [version.version for version in versions]
+    if active is None or len(numbers) < 2:
+        return MapsView(status, sensors, versions, active, waiting)
+    b = b or active
+    a = a or next((n for n in reversed(numbers) if n < b), next(n for n in numbers if n != b))
+    compared = compare_now(context, machine_id, a, b)
+    return MapsView(status, sensors, versions, active, waiting, a, b, compared)

@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from app.services.report_head import ReportHead
+from app.services.analyses import ReportHead
 from app.storage.analysis_results import RESULTS
 
 HEAD = ReportHead(

@@ -37,17 +37,14 @@ from app.pages.dashboard.setup import Source, new_machine_page, setup_page
 from app.pages.dashboard.stored import stored_check_page, stored_map_page
 from app.pages.dashboard.volume import volume_page
 from app.pages.wording import said_as_a_whole
-from app.services.compared_checks import show_compared_checks
 from app.services.controllers import writable_components
-from app.services.dashboard import show_machine_view, show_machine_views
+from app.services.dashboard import show_machine_view, show_machine_views, show_maps_view, show_setup
 from app.services.error_maps import preview_withdrawal
 from app.services.events import show_events
 from app.services.fleet import show_fleet
-from app.services.loop import show_left_of_check, show_loop
+from app.services.loop import show_compared_checks, show_left_of_check, show_loop
 from app.services.machines import show_error_map, show_machine
-from app.services.maps_view import show_maps_view
 from app.services.models import preview_activation
-from app.services.setup import show_setup
 from app.services.status import show_status
 from app.services.tell_receivers import show_receivers
 from app.services.verifications import show_verification

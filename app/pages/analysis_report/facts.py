@@ -14,7 +14,7 @@ from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.effect_names import kind_name, learnt_text
 from app.pages.report_parts.words import chance_text, figure_text, sentence
 from app.pages.wording import _, listed, said
-from app.services.report_head import ReportHead
+from app.services.analyses import ReportHead
 
 MOST_LABELS: Final = 12
 

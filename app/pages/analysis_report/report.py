@@ -30,7 +30,7 @@ from app.pages.report_parts.effect_names import (
 )
 from app.pages.report_parts.smallest_seen import size_range, units_of
 from app.pages.report_parts.words import decimals_for
-from app.services.report_head import ReportHead
+from app.services.analyses import ReportHead
 from app.units import Unit
 
 MOST_RIVALS: Final = 6

@@ -7,7 +7,7 @@ from typing import Final
 
 from app.identification.plan.visit import NextVisit, PlannedPlace
 from app.pages.environment import render
-from app.services.report_head import ReportHead
+from app.services.analyses import ReportHead
 
 MOST_COLUMNS: Final = 12
 """Positions side by side on paper."""

@@ -14,7 +14,7 @@ from app.pages.environment import render_live
 from app.pages.report_parts.component_names import component_name
 from app.pages.report_parts.words import decimals_for, figure_text, zeros_text
 from app.pages.wording import _, counted
-from app.services.compared_checks import ComparedCheck, ComparedChecks, Pair
+from app.services.loop import ComparedCheck, ComparedChecks, Pair
 from app.units import Unit
 
 

@@ -8,8 +8,7 @@ from typing import Final
 from urllib.parse import urlencode
 
 from app.events.event import Event, EventKind, Events
-from app.pages.dashboard.navigation import Shown
-from app.pages.environment import render_live
+from app.pages.environment import render_machine
 from app.pages.wording import message
 from app.services.tell_receivers import Receiver
 from app.status.machine_status import MachineStatus, State
@@ -45,12 +44,12 @@ def events_page(
         What the list goes on from, where it is not the newest.
     """
     only = {"kind": kind} if kind else {}
-    return render_live(
-        "dashboard/events.html",
-        page="/events",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "events",
+        "/events",
+        status.machine,
+        status.name,
+        now,
         kinds=KINDS,
         chosen=kind,
         is_newest=before is None,

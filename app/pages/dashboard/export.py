@@ -11,9 +11,8 @@ from app.controllers.format import SIGN_WORDS, Format, Status
 from app.controllers.option_fields import OptionField, option_fields
 from app.controllers.registry import FORMATS
 from app.errors import capitalised
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import MINUS, NO_BREAK
-from app.pages.environment import render_live
+from app.pages.environment import render_machine
 from app.status.machine_status import MachineStatus
 
 HOW_KNOWN: Final = {
@@ -36,12 +35,12 @@ def export_page(
         Components that the machine's table and the controller both have; empty without a table.
     """
     options = [] if chosen is None else [_option(o, writable) for o in option_fields(chosen)]
-    return render_live(
-        "dashboard/export.html",
-        page="/export",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "export",
+        "/export",
+        status.machine,
+        status.name,
+        now,
         status=status,
         formats=list(FORMATS.values()),
         chosen=chosen,

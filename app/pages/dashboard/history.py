@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 
 from app.compensation.table import ComponentCompensation
-from app.pages.dashboard.navigation import Shown
-from app.pages.environment import render_live
+from app.pages.environment import render_machine
 from app.pages.wording import message
 from app.services.dashboard import MachineView
 
@@ -27,12 +26,12 @@ SPANS: Final[tuple[tuple[int, str], ...]] = (
 def history_page(view: MachineView, now: datetime) -> str:
     """Write the page: what may be chosen, and where it is drawn."""
     status = view.status
-    return render_live(
-        "dashboard/history.html",
-        page="/history",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "history",
+        "/history",
+        status.machine,
+        status.name,
+        now,
         spans=SPANS,
         sensors=[sensor.sensor for sensor in status.sensors],
         components=[_place(curve.entry) for curve in view.curves],

@@ -18,9 +18,8 @@ from app.identification.analysis.found_effect import FoundEffect
 from app.identification.analysis.plots import EffectCurve, VisitMeans
 from app.pages.dashboard.charts import round_up
 from app.pages.dashboard.loop_charts import Marks, residual_chart
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import clock, marked
-from app.pages.environment import render_live
+from app.pages.environment import render_live, render_machine
 from app.pages.reader import zone_name
 from app.pages.report_parts.assignment_words import proposal_words, staying_words
 from app.pages.report_parts.component_names import component_name
@@ -79,12 +78,12 @@ def loop_page(view: LoopView, now: datetime, methods: Mapping[str, str]) -> str:
     """Write the page of the loop."""
     analysis, result = view.chosen, view.result
     labels = {v.id: v.label for v in view.verifications}
-    return render_live(
-        "dashboard/loop.html",
-        page="/loop",
-        machine=Shown(view.machine_id, view.machine_name),
-        stream=f"/v1/machines/{view.machine_id}/compensation/stream",
-        now=now,
+    return render_machine(
+        "loop",
+        "/loop",
+        view.machine_id,
+        view.machine_name,
+        now,
         view=view,
         analysis=analysis,
         analysed=_analysed(analysis, labels),

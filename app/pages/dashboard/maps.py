@@ -11,7 +11,6 @@ from app.compensation.table_difference import ComponentChange
 from app.effects.adopted.model_difference import Part
 from app.geometry.components import COMPONENTS
 from app.pages.dashboard.charts import Scale, before_after_svg, positions_scale, values_of
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import (
     clock,
     number,
@@ -21,11 +20,11 @@ from app.pages.dashboard.numbers import (
     signed,
     temperature,
 )
-from app.pages.environment import render_live
+from app.pages.environment import render_live, render_machine
 from app.pages.reader import day_and_time
 from app.pages.what_was_read import WhatWasRead, read_of_map
 from app.pages.wording import _, counted, listed, message
-from app.services.maps_view import MapsView
+from app.services.dashboard import MapsView
 from app.services.models import Preview
 from app.services.recorded_change import RecordedChanges
 from app.storage.records import ModelVersion, StoredMap
@@ -52,12 +51,12 @@ _STATUSES: Final[Mapping[str, str]] = {
 def maps_page(view: MapsView, now: datetime, methods: Mapping[str, str]) -> str:
     """Write the page of a machine's maps and versions."""
     status = view.status
-    return render_live(
-        "dashboard/maps.html",
-        page="/maps",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "maps",
+        "/maps",
+        status.machine,
+        status.name,
+        now,
         view=view,
         methods=methods,
         title=_title(view, now),

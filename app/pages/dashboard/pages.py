@@ -23,7 +23,6 @@ from app.pages.dashboard.charts import (
     values_of,
 )
 from app.pages.dashboard.events import event_row
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import (
     MINUS,
     NO_BREAK,
@@ -37,7 +36,7 @@ from app.pages.dashboard.numbers import (
     position,
     signed,
 )
-from app.pages.environment import render_live
+from app.pages.environment import render_live, render_machine
 from app.pages.reader import reader, zone_name
 from app.pages.wording import _, all_said, counted, message, said
 from app.services.dashboard import Curve, MachineView
@@ -138,12 +137,12 @@ def machine_page(view: MachineView, now: datetime, chosen: Mapping[str, str]) ->
     """
     status = view.status
     axes = _axes(view.curves, chosen)
-    return render_live(
-        "dashboard/machine.html",
-        page="",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "machine",
+        "",
+        status.machine,
+        status.name,
+        now,
         status=status,
         group=group_of(status),
         state=_state_words(status, now),

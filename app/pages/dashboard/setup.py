@@ -11,12 +11,11 @@ from typing import Any, Final
 
 from app.geometry.chain import Chain
 from app.geometry.components import COMPONENTS
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import number
-from app.pages.environment import render_live
+from app.pages.environment import render_live, render_machine
 from app.pages.reader import day_and_time
 from app.pages.wording import _, counted, listed, message
-from app.services.setup import SetupView
+from app.services.dashboard import SetupView
 from app.thermal.machine import Machine
 from app.thermal.sensor_assignment import Proposal, SensorCorrelation
 
@@ -73,12 +72,12 @@ def setup_page(
     """Write the page of a machine's set-up."""
     machine = view.machine
     steps = list(_steps(view))
-    return render_live(
-        "dashboard/setup.html",
-        page="/setup",
-        machine=Shown(machine.id, machine.name),
-        stream=f"/v1/machines/{machine.id}/compensation/stream",
-        now=now,
+    return render_machine(
+        "setup",
+        "/setup",
+        machine.id,
+        machine.name,
+        now,
         view=view,
         steps=steps,
         next_step=next((i for i, step in enumerate(steps) if not step.is_done), None),

@@ -6,8 +6,7 @@ from datetime import datetime
 from urllib.parse import quote
 
 from app.effects.observations import Verification
-from app.pages.dashboard.navigation import Shown
-from app.pages.environment import render_live
+from app.pages.environment import render_machine
 from app.pages.what_was_read import WhatWasRead, read_of_map, read_of_verification
 from app.pages.wording import _
 from app.storage.records import StoredMap
@@ -39,12 +38,12 @@ def _page(
     label: str,
     words: str,
 ) -> str:
-    return render_live(
-        "dashboard/stored.html",
-        page=page,
-        machine=Shown(machine.id, machine.name),
-        stream=f"/v1/machines/{machine.id}/compensation/stream",
-        now=now,
+    return render_machine(
+        "stored",
+        page,
+        machine.id,
+        machine.name,
+        now,
         label=label,
         words=words,
         address=f"/v1/machines/{quote(machine.id)}/{address}",

@@ -16,10 +16,9 @@ from app.arrays import FloatArray
 from app.geometry.compensation_levels import Level
 from app.geometry.components import LINEAR_LETTERS
 from app.geometry.work_volume import WorkVolume
-from app.pages.dashboard.navigation import Shown
 from app.pages.dashboard.numbers import NO_BREAK, marked, number, position, signed, temperature
 from app.pages.dashboard.pages import group_of
-from app.pages.environment import render_live
+from app.pages.environment import render_machine
 from app.pages.reader import reader
 from app.pages.wording import _, counted, listed, message
 from app.pictures.slices import LINES, Slice
@@ -47,12 +46,12 @@ def volume_page(view: VolumeView, now: datetime) -> str:
     """Write the page of a machine's work volume."""
     status = view.status
     shown = {} if view.found is None else _shown(view.found)
-    return render_live(
-        "dashboard/volume.html",
-        page="/volume",
-        machine=Shown(status.machine, status.name),
-        stream=f"/v1/machines/{status.machine}/compensation/stream",
-        now=now,
+    return render_machine(
+        "volume",
+        "/volume",
+        status.machine,
+        status.name,
+        now,
         status=status,
         group=group_of(status),
         why_not=view.why_not,
