@@ -6,7 +6,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
@@ -62,6 +62,13 @@ class Page(HTMLResponse):
         forms = "'self'" if has_form else "'none'"
         policy = {"Content-Security-Policy": _POLICY.format(hashes=hashes, forms=forms)}
         super().__init__(content, status, headers={**PAGE_HEADERS, **policy, **(headers or {})})
+
+
+class LivePage(Page):
+    """A page of the dashboard, as what writes it gives it."""
+
+    def __init__(self, content: str, *_named: Any, **_more: Any) -> None:
+        super().__init__(content, 0, {"Cache-Control": "no-store"})
 
 
 def take_reader(request: Request) -> None:

@@ -19,7 +19,7 @@ from app.api.dependencies import (
     VersionPath,
 )
 from app.api.methods.registry import TITLES
-from app.api.pages import Page, take_reader
+from app.api.pages import LivePage, take_reader
 from app.api.router import Router
 from app.api.routes.events import BeforeQuery
 from app.connections.reports import ConnectionReports
@@ -58,34 +58,38 @@ async def _for_the_reader(request: Request) -> None:
 
 Texts = Annotated[list[Annotated[str, Query(max_length=2000)]], Query(max_length=30)]
 
-router = Router(read_first=_for_the_reader, route_class=BodyRoute, include_in_schema=False)
+router = Router(
+    read_first=_for_the_reader,
+    route_class=BodyRoute,
+    default_response_class=LivePage,
+    include_in_schema=False,
+)
 
 _HEADERS = {"Cache-Control": "no-store"}
 
 Chosen = Annotated[str, Query(max_length=16)]
 
 
-@router.get("/", response_class=Page)
+@router.get("/")
 def get_machines(
     request: Request,
     context: ContextDep,
     only: Literal["", "not-trusted", "limited", "service", "trusted"] = "",
-) -> Page:
+) -> str:
     """Show all machines: who can be trusted, who cannot and why."""
     may_see = sees(request)
     views = [view for view in show_machine_views(context) if may_see(view.status.machine)]
-    page = machines_page(views, context.now(), only, context.live.database.trouble)
-    return Page(page, scripts=0, headers=_HEADERS)
+    return machines_page(views, context.now(), only, context.live.database.trouble)
 
 
-@router.get("/new-machine", response_class=Page)
-def get_new_machine(context: ContextDep) -> Page:
+@router.get("/new-machine")
+def get_new_machine(context: ContextDep) -> str:
     """Show the form by which a machine is made."""
-    return Page(new_machine_page(context.now()), scripts=0, headers=_HEADERS)
+    return new_machine_page(context.now())
 
 
-@router.get("/machines/{machine}/setup", response_class=Page)
-def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> Page:
+@router.get("/machines/{machine}/setup")
+def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> str:
     """Show a machine's set-up: what is there, what is missing, and what comes next."""
     view = show_setup(context, machine)
     reports: ConnectionReports = request.app.state.connection_reports
@@ -94,28 +98,28 @@ def get_setup(request: Request, context: ContextDep, machine: MachinePath) -> Pa
         for connection in reports.now().connections
         if machine in connection.machines
     ]
-    return Page(setup_page(view, sources, context.now(), TITLES), scripts=0, headers=_HEADERS)
+    return setup_page(view, sources, context.now(), TITLES)
 
 
-@router.get("/machines/{machine}", response_class=Page)
+@router.get("/machines/{machine}")
 def get_machine(
     context: ContextDep, machine: MachinePath, x: Chosen = "", y: Chosen = "", z: Chosen = ""
-) -> Page:
+) -> str:
     """Show one machine now; `x`, `y` and `z` name the components that are drawn large."""
     view = show_machine_view(context, machine)
     chosen = {"x": x, "y": y, "z": z}
-    return Page(machine_page(view, context.now(), chosen), scripts=0, headers=_HEADERS)
+    return machine_page(view, context.now(), chosen)
 
 
-@router.get("/fleet", response_class=Page)
+@router.get("/fleet")
 @needs(Role.VIEWER, all_machines=True)
-def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> Page:
+def get_fleet(context: ContextDep, question: FleetQuestionQuery) -> str:
     """Show how far the analyses of all machines are, and what they say together.
 
     The address says what is asked, as of `GET /v1/fleet`.
     """
     view = show_fleet(context, question)
-    return Page(fleet_page(view, context.now(), question), scripts=0, headers=_HEADERS)
+    return fleet_page(view, context.now(), question)
 
 
 @router.get("/said")
@@ -135,7 +139,7 @@ VersionNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]
 ToolOffset = Annotated[float, Query(ge=-1e5, le=1e5, allow_inf_nan=False)]
 
 
-@router.get("/machines/{machine}/volume", response_class=Page)
+@router.get("/machines/{machine}/volume")
 def get_volume(
     context: ContextDep,
     machine: MachinePath,
@@ -144,117 +148,114 @@ def get_volume(
     tool_x: ToolOffset = 0.0,
     tool_y: ToolOffset = 0.0,
     tool_z: ToolOffset = 0.0,
-) -> Page:
+) -> str:
     """Show the work volume now; `times` is the exaggeration, `tool_x` … the tool offset [mm]."""
     view = show_volume(context, machine, (tool_x, tool_y, tool_z), times, through)
-    return Page(volume_page(view, context.now()), scripts=0, headers=_HEADERS)
+    return volume_page(view, context.now())
 
 
-@router.get("/machines/{machine}/loop", response_class=Page)
+@router.get("/machines/{machine}/loop")
 def get_loop(
     context: ContextDep,
     machine: MachinePath,
     analysis: Annotated[int | None, Query(description="The analysis' number")] = None,
-) -> Page:
+) -> str:
     """Show a machine's checks, and what an analysis of them found; the newest if none is stated."""
     view = show_loop(context, machine, analysis)
-    return Page(loop_page(view, context.now(), TITLES), scripts=0, headers=_HEADERS)
+    return loop_page(view, context.now(), TITLES)
 
 
-@router.get("/machines/{machine}/loop/residuals/{verification}", response_class=Page)
+@router.get("/machines/{machine}/loop/residuals/{verification}")
 def get_left_of_check(
     context: ContextDep,
     machine: MachinePath,
     verification: Annotated[int, Path(ge=1, le=2**31 - 1)],
-) -> Page:
+) -> str:
     """Show what the active version leaves of a check, as a part of the page of the loop.
 
     That nothing of it can be compared is an answer here, and no error.
     """
     remaining = show_left_of_check(context, machine, verification)
-    return Page(left_of_check(remaining), scripts=0, headers=_HEADERS)
+    return left_of_check(remaining)
 
 
-@router.get("/machines/{machine}/export", response_class=Page)
+@router.get("/machines/{machine}/export")
 def get_export(
     context: ContextDep,
     machine: MachinePath,
     controller: Annotated[str | None, Query(max_length=100)] = None,
-) -> Page:
+) -> str:
     """Show what a controller's files would be; `controller` names its format."""
     status = show_status(context, machine)
     chosen = None if controller is None else format_named(controller)
     writable = () if chosen is None else writable_components(context, machine, chosen)
-    page = export_page(status, chosen, writable, context.now())
-    return Page(page, scripts=0, headers=_HEADERS)
+    return export_page(status, chosen, writable, context.now())
 
 
-@router.get("/machines/{machine}/maps", response_class=Page)
+@router.get("/machines/{machine}/maps")
 def get_maps(
     context: ContextDep, machine: MachinePath, a: VersionNumber = None, b: VersionNumber = None
-) -> Page:
+) -> str:
     """Show a machine's versions; `a` and `b` are the two that stand side by side."""
     view = show_maps_view(context, machine, a, b)
-    return Page(maps_page(view, context.now(), TITLES), scripts=0, headers=_HEADERS)
+    return maps_page(view, context.now(), TITLES)
 
 
-@router.get("/machines/{machine}/maps/residuals", response_class=Page)
+@router.get("/machines/{machine}/maps/residuals")
 def get_compared_residuals(
     context: ContextDep,
     machine: MachinePath,
     a: Annotated[int, Query(ge=1, le=2**31 - 1)],
     b: Annotated[int, Query(ge=1, le=2**31 - 1)],
-) -> Page:
+) -> str:
     """Show what two versions leave of the same checks, as a part of the page of maps."""
     compared = show_compared_checks(context, machine, a, b)
-    return Page(compared_residuals(compared, machine, context.now()), scripts=0, headers=_HEADERS)
+    return compared_residuals(compared, machine, context.now())
 
 
-@router.get("/machines/{machine}/maps/preview/{version}", response_class=Page)
-def get_activation_preview(context: ContextDep, machine: MachinePath, version: VersionPath) -> Page:
+@router.get("/machines/{machine}/maps/preview/{version}")
+def get_activation_preview(context: ContextDep, machine: MachinePath, version: VersionPath) -> str:
     """Show what activating a version would do, as a part of the page of maps."""
     preview = preview_activation(context, machine, version)
-    return Page(activation_preview(preview, version), scripts=0, headers=_HEADERS)
+    return activation_preview(preview, version)
 
 
-@router.get("/machines/{machine}/maps/withdrawal/{map_id}", response_class=Page)
+@router.get("/machines/{machine}/maps/withdrawal/{map_id}")
 def get_withdrawal_preview(
     context: ContextDep, machine: MachinePath, map_id: Annotated[int, Path(ge=1, le=2**31 - 1)]
-) -> Page:
+) -> str:
     """Show what taking a map out of use would do, as a part of the page of maps."""
     stored, _ = show_error_map(context, machine, map_id)
     preview = preview_withdrawal(context, machine, map_id)
-    return Page(withdrawal_preview(preview, stored), scripts=0, headers=_HEADERS)
+    return withdrawal_preview(preview, stored)
 
 
-@router.get("/machines/{machine}/history", response_class=Page)
-def get_history(context: ContextDep, machine: MachinePath) -> Page:
+@router.get("/machines/{machine}/history")
+def get_history(context: ContextDep, machine: MachinePath) -> str:
     """Show a machine over time; the address says what and when, for the page's own script."""
     view = show_machine_view(context, machine)
-    return Page(history_page(view, context.now()), scripts=0, headers=_HEADERS)
+    return history_page(view, context.now())
 
 
-@router.get("/machines/{machine}/maps/{map_id}", response_class=Page)
-def get_stored_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> Page:
+@router.get("/machines/{machine}/maps/{map_id}")
+def get_stored_map(context: ContextDep, machine: MachinePath, map_id: MapPath) -> str:
     """Show one stored map: what was measured, drawn, and to be downloaded."""
     stored, in_use = show_error_map(context, machine, map_id)
     described = show_machine(context, machine).machine
-    page = stored_map_page(described, stored, context.now(), in_use=in_use)
-    return Page(page, scripts=0, headers=_HEADERS)
+    return stored_map_page(described, stored, context.now(), in_use=in_use)
 
 
-@router.get("/machines/{machine}/loop/checks/{verification_id}", response_class=Page)
+@router.get("/machines/{machine}/loop/checks/{verification_id}")
 def get_stored_check(
     context: ContextDep, machine: MachinePath, verification_id: VerificationPath
-) -> Page:
+) -> str:
     """Show one stored check, as it was measured."""
     _, check = show_verification(context, machine, verification_id)
     described = show_machine(context, machine).machine
-    page = stored_check_page(described, verification_id, check, context.now())
-    return Page(page, scripts=0, headers=_HEADERS)
+    return stored_check_page(described, verification_id, check, context.now())
 
 
-@router.get("/machines/{machine}/events", response_class=Page)
+@router.get("/machines/{machine}/events")
 def get_events(
     context: ContextDep,
     machine: MachinePath,
@@ -262,11 +263,10 @@ def get_events(
         "", "alarm", "sensor", "model", "verification", "analysis", "readings", "machine"
     ] = "",
     before: BeforeQuery = None,
-) -> Page:
+) -> str:
     """Show what happened to a machine; `kind` holds the list to one, `before` goes on in it."""
     status = show_status(context, machine)
     kinds = [EventKind(kind)] if kind else []
     events = show_events(context, machine, kinds=kinds, before=before, limit=100)
     receivers = show_receivers(context, machine).receivers
-    page = events_page(status, events, receivers, context.now(), kind, before)
-    return Page(page, scripts=0, headers=_HEADERS)
+    return events_page(status, events, receivers, context.now(), kind, before)
