@@ -8,7 +8,15 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    WithJsonSchema,
+)
 
 from app.answer import Answer
 from app.arrays import FloatArray, IntArray, largest_length, rms_length
@@ -272,10 +280,12 @@ def _as_list(value: object) -> object:
 
 
 RotaryLetter = Literal["A", "B", "C"]
+_Angle = Annotated[Number, Field(ge=-36_000, le=36_000)]
+_SeveralAngles = Annotated[list[_Angle], Field(min_length=1, max_length=1_000_000)]
 Angles = Annotated[
-    list[Annotated[Number, Field(ge=-36_000, le=36_000)]],
+    _SeveralAngles,
     BeforeValidator(_as_list),
-    Field(min_length=1, max_length=1_000_000),
+    WithJsonSchema(TypeAdapter(_Angle | _SeveralAngles).json_schema()),
 ]
 """One angle, or one for each point [°]."""
 

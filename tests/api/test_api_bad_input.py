@@ -187,33 +187,6 @@ async def test_what_is_no_finite_number_is_refused_everywhere(app, client, numbe
     assert unit in error["message"]
 
 
-@pytest.mark.parametrize(
-    ("place", "field"),
-    [
-        (("machine", ("axes", "x", "min_mm")), "axes.x.min_mm"),
-        (("machine", ("id",)), "id"),
-        (("machine", ("sensors",)), "sensors"),
-        (("map", ("temperatures_c", "x-middle")), "temperatures_c.x-middle"),
-        (("map", ("components", 0, "errors_um", 1)), "components.0.errors_um.1"),
-        (("map", ("components", 0, "errors_um")), "components.0.errors_um"),
-        (("map", ("components", 0)), "components.0"),
-        (("map", ("label",)), "label"),
-        (("map", ("measured_at",)), "measured_at"),
-        (("reading", ("temperatures_c",)), "temperatures_c"),
-        (("reading", ("time",)), "time"),
-        (("readings", (1,)), "1"),
-        (("readings", (1, "time")), "1.time"),
-        (("compensation", ("temperatures_c",)), "temperatures_c"),
-        (("compensation", ("state",)), "state"),
-        (("predictions", ("observations",)), "observations"),
-        (("predictions", ("observations", 0, "time")), "observations.0.time"),
-    ],
-)
-async def test_null_is_no_value(app, client, place, field):
-    found = await refused(app, client, changed(*place, None))
-    assert [e["field"] for e in found["errors"]] == [field]
-
-
 @pytest.mark.parametrize("place", [("model_version",)], ids=str)
 @pytest.mark.parametrize("value", [True, "1", 1.5, [1], Raw("1e400")], ids=str)
 async def test_a_version_is_an_integer(app, client, place, value):
@@ -541,15 +514,6 @@ async def test_an_assignment_with_a_name_around_it_is_told_of_the_name(app, clie
     assert error["message"].startswith("expected an error component such as EXX")
 
 
-@pytest.mark.parametrize("name", [n for n in BODIES if n != "assignment"])
-async def test_an_unknown_field_is_refused(app, client, name):
-    place = (1, "temperature") if name == "readings" else ("temperature",)
-    found = await refused(app, client, changed(name, place, 25.0))
-    (error,) = found["errors"]
-    assert error["field"].endswith("temperature")
-    assert "unknown field" in error["message"]
-
-
 @pytest.mark.parametrize(
     ("change", "field"),
     [
@@ -573,6 +537,20 @@ async def test_an_unknown_field_is_refused(app, client, name):
 async def test_a_machine_that_cannot_be_is_refused(app, client, change, field):
     found = await refused(app, client, ("POST", "/v1/machines", written(NEW_MACHINE | change)))
     assert field in [e["field"] for e in found["errors"]]
+
+
+async def test_all_that_is_wrong_with_a_machine_is_named_at_once(app, client):
+    """The configuration is read to axes, which must not hide what else is wrong."""
+    wrong = {"configuration": "XYZ", "sensors": [{"name": "a"}, {"name": "a"}], "name": 7}
+    found = await refused(app, client, ("POST", "/v1/machines", written(NEW_MACHINE | wrong)))
+    assert [e["field"] for e in found["errors"]] == ["name", "configuration", "sensors"]
+
+
+async def test_all_components_that_are_wrong_are_named_at_once(app, client):
+    components = [*component(errors_um=[0.0]), *component(component="EXQ"), *component()]
+    found = await refused(app, client, changed("map", ("components",), components))
+    fields = ["components.0.errors_um", "components.1.component"]
+    assert [e["field"] for e in found["errors"]] == fields
 
 
 NO_JSON = {
