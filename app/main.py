@@ -34,6 +34,7 @@ from app.api.routes import (
     health,
     keys,
     live,
+    login,
     loop,
     machines,
     measurements,
@@ -81,6 +82,7 @@ ROOMS = (
     keys,
     health,
     dashboard,
+    login,
 )
 """The routes, in the order in which /docs lists them."""
 

@@ -72,7 +72,7 @@ async def test_what_a_long_body_said_is_gone_before_the_collector_is_back(
     class Noting(bodies.ReadRequest):
         def __init__(self, request, body, what):
             super().__init__(request, body, what)
-            said.append(weakref.ref(what.observations[0]))
+            said.append(weakref.ref(what))
 
         def release(self):
             met["collects when let go"] = gc.isenabled()
