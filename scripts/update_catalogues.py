@@ -39,7 +39,6 @@ SERVICE = (
     "units",
     "api/error_responses",
     "api/routes/login",
-    "api/uploaded_map",
     "api/uploads",
 )
 """Where sentences stand that reach pages as text, and are recognised there."""
