@@ -39,6 +39,11 @@ class Schema(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    def __init_subclass__(cls, example: Mapping[str, Any] | None = None, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if example is not None:
+            cls.model_config["json_schema_extra"] = {"example": example}
+
 
 def made(make: Callable[[Any], Any], field: str = "", kind: Any = AfterValidator) -> Any:
     """Make of what was checked what it stands for; with `BeforeValidator` of what came.

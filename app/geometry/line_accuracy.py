@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.answer import Answer, shown
 from app.errors import InvalidContent, list_names
@@ -29,19 +29,21 @@ Deviation = Annotated[Number, Field(ge=0)]
 Lines = Annotated[list[Deviation], Field(min_length=1, max_length=1000)]
 
 
-class LinesRequest(Schema):
+class LinesRequest(
+    Schema,
+    example={
+        "linear_um": {"x": [9.5, 7.2], "y": [15.8, 12.0], "z": [14.3, 25.2]},
+        "straightness_um": {
+            "EYX": 2.9,
+            "EZX": 2.4,
+            "EXY": 2.4,
+            "EZY": 2.3,
+            "EXZ": 15.9,
+            "EYZ": 6.1,
+        },
+    },
+):
     """Maximal deviations on lines along the axes."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "linear_um": {"x": [9.5, 7.2], "y": [15.8, 12.0], "z": [14.3, 25.2]},
-                "straightness_um": {
-                    "EYX": 2.9, "EZX": 2.4, "EXY": 2.4, "EZY": 2.3, "EXZ": 15.9, "EYZ": 6.1,
-                },
-            }
-        }
-    )  # fmt: skip
 
     linear_um: dict[str, Lines] = Field(
         description="Axis to the maximal deviation of positioning on each line along it [µm]"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Annotated, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from sqlalchemy.orm import Session
 
 from app.answer import fields_of
@@ -72,12 +72,8 @@ STANDING_IN: Final = timedelta(days=14)
 """Recorded days that stand for days to come, back from the newest reading."""
 
 
-class AnalysisRequest(Schema):
+class AnalysisRequest(Schema, example={"verifications": [1, 2, 3], "holdout_fraction": 0.3}):
     """What the active model is compared with, and which effects are looked for."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"example": {"verifications": [1, 2, 3], "holdout_fraction": 0.3}}
-    )
 
     verifications: ChosenVerifications = None
     holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
@@ -93,22 +89,19 @@ class AnalysisRequest(Schema):
     )
 
 
-class PlanRequest(Schema):
-    """What is to be measured, and which stored verifications would be analysed beside it."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "planned": [
-                    {
-                        "observations": [
-                            {"time": "2026-03-09T06:00:00Z", "component": "EXX", "position_mm": 250}
-                        ]
-                    }
+class PlanRequest(
+    Schema,
+    example={
+        "planned": [
+            {
+                "observations": [
+                    {"time": "2026-03-09T06:00:00Z", "component": "EXX", "position_mm": 250}
                 ]
             }
-        }
-    )
+        ]
+    },
+):
+    """What is to be measured, and which stored verifications would be analysed beside it."""
 
     planned: Annotated[Planned, Field(max_length=1000)] = Field(
         default_factory=list, description="What is to be measured, visit by visit"
@@ -118,21 +111,18 @@ class PlanRequest(Schema):
     )
 
 
-class TriedEffectRequest(Schema):
+class TriedEffectRequest(
+    Schema,
+    example={
+        "machine": "vmc-1",
+        "analysis": 3,
+        "effect": 0,
+        "on": "vmc-2",
+        "verifications": [1, 2, 3],
+        "tried_together": 4,
+    },
+):
     """An effect that an analysis found, and the machine on which it is tried."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "machine": "vmc-1",
-                "analysis": 3,
-                "effect": 0,
-                "on": "vmc-2",
-                "verifications": [1, 2, 3],
-                "tried_together": 4,
-            }
-        }
-    )
 
     machine: Name = Field(description="The machine on which it was found")
     analysis: Integer = Field(description="Number of the analysis that found it")

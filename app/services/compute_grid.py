@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.arrays import FloatArray
 from app.errors import InvalidContent
@@ -35,20 +35,17 @@ Nodes = tuple[FloatArray, FloatArray, FloatArray]
 StatedNodes = Annotated[list[Millimetres], Field(min_length=2, max_length=10_000)]
 
 
-class GridRequest(VolumeQuestion):
+class GridRequest(
+    VolumeQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "x_mm": [0, 250, 500],
+        "y_mm": [0, 250, 500],
+        "z_mm": [0, 200, 400],
+        "missing_components": "zero",
+    },
+):
     """The nodes of a grid, or the tolerance that an evenly spaced grid is to keep."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "x_mm": [0, 250, 500],
-                "y_mm": [0, 250, 500],
-                "z_mm": [0, 200, 400],
-                "missing_components": "zero",
-            }
-        }
-    )
 
     x_mm: StatedNodes | None = Field(None, description="Coordinates of the nodes along x [mm]")
     y_mm: StatedNodes | None = Field(None, description="Coordinates of the nodes along y [mm]")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Annotated, Final, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from sqlalchemy.orm import Session
 
 from app.answer import Answer, shown
@@ -50,10 +50,8 @@ MOST_TRIED: Final = 5000
 GOING_ON: Final = (AnalysisStatus.QUEUED, AnalysisStatus.RUNNING)
 
 
-class FleetRequest(Schema):
+class FleetRequest(Schema, example={"effects": ["thermal-lag"]}):
     """What the analysis of every machine is asked."""
-
-    model_config = ConfigDict(json_schema_extra={"example": {"effects": ["thermal-lag"]}})
 
     effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
         None,

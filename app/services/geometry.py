@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
@@ -145,19 +144,16 @@ OneOrMoreStates = Annotated[
 """The temperatures of one thermal state, or of several."""
 
 
-class VolumetricErrorRequest(FieldQuestion):
+class VolumetricErrorRequest(
+    FieldQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "points_mm": [[0, 0, 0], [250, 100, 300]],
+        "tool_offset_mm": [0, 0, 160],
+        "missing_components": "zero",
+    },
+):
     """Points at which the volumetric error is asked."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "points_mm": [[0, 0, 0], [250, 100, 300]],
-                "tool_offset_mm": [0, 0, 160],
-                "missing_components": "zero",
-            }
-        }
-    )
 
     temperatures_c: OneOrMoreStates | None = Field(  # type: ignore[assignment]
         None,
@@ -290,20 +286,17 @@ Angles = Annotated[
 """One angle, or one for each point [°]."""
 
 
-class RotaryErrorRequest(FieldQuestion):
+class RotaryErrorRequest(
+    FieldQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "order": "C",
+        "angles_deg": {"C": [0, 90, 180]},
+        "points_mm": [[100, 0, 50], [100, 0, 50], [100, 0, 50]],
+        "missing_components": "zero",
+    },
+):
     """Points that rotary axes carry, and the axes' angles."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "order": "C",
-                "angles_deg": {"C": [0, 90, 180]},
-                "points_mm": [[100, 0, 50], [100, 0, 50], [100, 0, 50]],
-                "missing_components": "zero",
-            }
-        }
-    )
 
     order: str = Field(
         "AC",
@@ -404,17 +397,14 @@ def compute_rotary_error(
     )
 
 
-class AccuracyRequest(VolumeQuestion):
+class AccuracyRequest(
+    VolumeQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "missing_components": "zero",
+    },
+):
     """At which temperatures, with which tool, in which volume."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "missing_components": "zero",
-            }
-        }
-    )
 
 
 class LevelsRequest(AccuracyRequest):
@@ -505,18 +495,15 @@ def compare_levels(context: Context, machine_id: str, request: LevelsRequest) ->
     return Levels(**answer.head(remarks), volume=volume_of(box), levels=levels)
 
 
-class PictureRequest(VolumeQuestion):
+class PictureRequest(
+    VolumeQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "tool_offset_mm": [0, 0, 160],
+        "missing_components": "zero",
+    },
+):
     """At which temperatures the work volume is drawn, and how."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "tool_offset_mm": [0, 0, 160],
-                "missing_components": "zero",
-            }
-        }
-    )
 
     exaggeration: Annotated[Number, Field(gt=0, le=1e9)] | None = Field(
         None,

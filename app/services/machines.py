@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from sqlalchemy.exc import IntegrityError
 
 from app.answer import Answer, fields_of, shown
@@ -82,10 +82,8 @@ def machine_answer(stored: StoredMachine) -> MachineAnswer:
     )
 
 
-class MachinePatch(Schema):
+class MachinePatch(Schema, example={"out_of_range": "extrapolate"}):
     """The settings to change; lists are replaced whole, axes one by one (RFC 7396)."""
-
-    model_config = ConfigDict(json_schema_extra={"example": {"out_of_range": "extrapolate"}})
 
     name: Name | None = Field(None, description="Name for people")
     serial_number: Name | None = Field(None, description="Serial number; null removes it")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from app.answer import fields_of
 from app.errors import FieldError, InvalidContent, counted, list_names
@@ -254,19 +254,16 @@ Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 NotNegative = Annotated[Number, Field(ge=0, le=1e4)]
 
 
-class StepDiagonalSimulation(FieldQuestion):
+class StepDiagonalSimulation(
+    FieldQuestion,
+    example={
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+        "steps": 10,
+        "noise_um": 0.2,
+        "missing_components": "zero",
+    },
+):
     """A step diagonal that is planned, at stated temperatures or at the latest reading."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-                "steps": 10,
-                "noise_um": 0.2,
-                "missing_components": "zero",
-            }
-        }
-    )
 
     steps: Annotated[Integer, Field(ge=1, le=MOST_STEPS)] = Field(
         description="Number of steps of each axis", examples=[10]

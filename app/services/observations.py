@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from app.effects.observations import MOST_OBSERVATIONS, Observation, Verification
 from app.errors import InvalidContent, UnknownComponent, list_names
@@ -286,34 +286,31 @@ else:
     ]
 
 
-class VerificationRequest(Schema):
+class VerificationRequest(
+    Schema,
+    example={
+        "label": "night shift",
+        "datum": "absolute",
+        "observations": [
+            {
+                "time": "2026-03-01T06:00:00Z",
+                "component": "EXX",
+                "position_mm": 250.0,
+                "direction": "+",
+                "measured_um": 4.31,
+                "state": {"spindle_rpm": 0},
+            },
+            {"time": "2026-03-01T06:01:00Z", "component": "SXY", "measured_um": -8.2},
+            {
+                "time": "2026-03-01T06:02:00Z",
+                "point_mm": [250, 100, 300],
+                "tool_offset_mm": [0, 0, 160],
+                "measured_um": [1.2, -0.4, 3.3],
+            },
+        ],
+    },
+):
     """Up to 100,000 observations of one machine, with one set-up or several."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "label": "night shift",
-                "datum": "absolute",
-                "observations": [
-                    {
-                        "time": "2026-03-01T06:00:00Z",
-                        "component": "EXX",
-                        "position_mm": 250.0,
-                        "direction": "+",
-                        "measured_um": 4.31,
-                        "state": {"spindle_rpm": 0},
-                    },
-                    {"time": "2026-03-01T06:01:00Z", "component": "SXY", "measured_um": -8.2},
-                    {
-                        "time": "2026-03-01T06:02:00Z",
-                        "point_mm": [250, 100, 300],
-                        "tool_offset_mm": [0, 0, 160],
-                        "measured_um": [1.2, -0.4, 3.3],
-                    },
-                ],
-            }
-        }
-    )
 
     label: Name = Field(
         description="The verification's name on its machine", examples=["night shift"]
@@ -389,18 +386,13 @@ else:
     Planned = list[Annotated[PlannedVerification, made(PlannedVerification.to_verification)]]
 
 
-class PredictionRequest(Schema):
+class PredictionRequest(
+    Schema,
+    example={
+        "observations": [{"time": "2026-03-01T06:00:00Z", "component": "EXX", "position_mm": 250}]
+    },
+):
     """What is to be predicted, and with which version."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "observations": [
-                    {"time": "2026-03-01T06:00:00Z", "component": "EXX", "position_mm": 250}
-                ]
-            }
-        }
-    )
 
     observations: Questions = Field(description="Where and when")
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import ConfigDict, Field, InstanceOf
+from pydantic import Field, InstanceOf
 from sqlalchemy.orm import Session
 
 from app.answer import Answer
@@ -55,10 +55,8 @@ ChosenVerifications = Annotated[
 MOST_ROWS: Final = 10_000
 
 
-class ResidualsRequest(Schema):
+class ResidualsRequest(Schema, example={"verifications": [1, 2], "rows": 100}):
     """Which verifications are compared with which version."""
-
-    model_config = ConfigDict(json_schema_extra={"example": {"verifications": [1, 2], "rows": 100}})
 
     verifications: ChosenVerifications = None
     model_version: Integer | None = Field(None, description="Version; the active one if not stated")
@@ -67,12 +65,8 @@ class ResidualsRequest(Schema):
     )
 
 
-class ComparisonRequest(Schema):
+class ComparisonRequest(Schema, example={"verifications": [1, 2], "versions": [3, 4]}):
     """Versions to be compared with the same verifications."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"example": {"verifications": [1, 2], "versions": [3, 4]}}
-    )
 
     verifications: ChosenVerifications = None
     versions: Annotated[list[Integer], Field(min_length=1, max_length=20)] = Field(

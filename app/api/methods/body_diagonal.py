@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.files.csv_columns import (
@@ -54,21 +54,18 @@ class DiagonalRunsSchema(Schema):
     backward_um: Runs | None = Field(None, description="The same on the way back [µm]")
 
 
-class BodyDiagonalRequest(MeasurementRequest):
-    """Readings along the four body diagonals (ISO 230-6)."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "diagonals": {
-                    "ppp": {"positions_mm": [0, 812.4], "forward_um": [0, 12.1]},
-                    "npp": {"positions_mm": [0, 812.4], "forward_um": [0, 8.4]},
-                    "pnp": {"positions_mm": [0, 812.4], "forward_um": [0, 9.9]},
-                    "ppn": {"positions_mm": [0, 812.4], "forward_um": [0, 10.2]},
-                }
-            }
+class BodyDiagonalRequest(
+    MeasurementRequest,
+    example={
+        "diagonals": {
+            "ppp": {"positions_mm": [0, 812.4], "forward_um": [0, 12.1]},
+            "npp": {"positions_mm": [0, 812.4], "forward_um": [0, 8.4]},
+            "pnp": {"positions_mm": [0, 812.4], "forward_um": [0, 9.9]},
+            "ppn": {"positions_mm": [0, 812.4], "forward_um": [0, 10.2]},
         }
-    )
+    },
+):
+    """Readings along the four body diagonals (ISO 230-6)."""
 
     diagonals: dict[str, DiagonalRunsSchema] = Field(
         description="Readings of each diagonal: ppp, npp, pnp, ppn"

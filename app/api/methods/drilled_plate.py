@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.errors import InvalidContent
@@ -43,21 +43,18 @@ class HoleSchema(Schema):
     measured_mm: PlanePoint = Field(description="Measured x, y [mm]")
 
 
-class DrilledPlateRequest(MeasurementRequest):
+class DrilledPlateRequest(
+    MeasurementRequest,
+    example={
+        "holes": [
+            {"nominal_mm": [0, 0], "measured_mm": [0, 0]},
+            {"nominal_mm": [200, 0], "measured_mm": [200.004, 0]},
+            {"nominal_mm": [0, 100], "measured_mm": [0.001, 100]},
+            {"nominal_mm": [200, 100], "measured_mm": [200.005, 100]},
+        ]
+    },
+):
     """The holes of a plate, measured on a coordinate machine."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "holes": [
-                    {"nominal_mm": [0, 0], "measured_mm": [0, 0]},
-                    {"nominal_mm": [200, 0], "measured_mm": [200.004, 0]},
-                    {"nominal_mm": [0, 100], "measured_mm": [0.001, 100]},
-                    {"nominal_mm": [200, 100], "measured_mm": [200.005, 100]},
-                ]
-            }
-        }
-    )
 
     holes: Annotated[list[HoleSchema], InPieces(5000)] = Field(
         description="Nominal and measured places of the holes"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.answer import fields_of
 from app.api.methods.method import Method
@@ -42,19 +42,16 @@ from app.stated import Point
 from app.thermal.machine import Machine
 
 
-class MachinedPartRequest(MeasurementRequest):
+class MachinedPartRequest(
+    MeasurementRequest,
+    example={
+        "component": "EXY",
+        "positions_mm": [0, 50, 100, 150],
+        "measured_um": [0.0, 1.2, 1.6, 0.7],
+        "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
+    },
+):
     """Points along an edge that one axis machined, measured on a coordinate machine."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "component": "EXY",
-                "positions_mm": [0, 50, 100, 150],
-                "measured_um": [0.0, 1.2, 1.6, 0.7],
-                "temperatures_c": {"x-middle": 24.1, "z-column": 27.3},
-            }
-        }
-    )
 
     component: str = Field(
         description="Straightness component: EXY is an edge along y with deviations in x",

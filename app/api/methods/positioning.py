@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.files.csv_columns import (
@@ -46,19 +46,16 @@ from app.services.measurements import (
 from app.thermal.machine import Machine
 
 
-class PositioningRequest(MeasurementRequest):
+class PositioningRequest(
+    MeasurementRequest,
+    example={
+        "axis": "x",
+        "targets_mm": [0, 250, 500],
+        "forward_um": [[0.0, 1.2, 2.0], [0.2, 1.0, 2.3]],
+        "backward_um": [[-1.1, 0.3, 1.2], [-0.9, 0.1, 1.1]],
+    },
+):
     """Runs over target positions in both directions."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "axis": "x",
-                "targets_mm": [0, 250, 500],
-                "forward_um": [[0.0, 1.2, 2.0], [0.2, 1.0, 2.3]],
-                "backward_um": [[-1.1, 0.3, 1.2], [-0.9, 0.1, 1.1]],
-            }
-        }
-    )
 
     axis: Axis = Field(description="The axis that was measured")
     targets_mm: MeasuredPositions = Field(description="Target positions [mm]")

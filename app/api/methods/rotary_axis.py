@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.files.csv_columns import (
@@ -39,21 +39,18 @@ class BallSchema(Schema):
     position_mm: Point = Field(description="The ball's x, y, z [mm]")
 
 
-class RotaryAxisRequest(MeasurementRequest):
+class RotaryAxisRequest(
+    MeasurementRequest,
+    example={
+        "axis": "C",
+        "points": [
+            {"angle_deg": 0, "position_mm": [101.0, 0.0, 50.0]},
+            {"angle_deg": 90, "position_mm": [0.0, 101.0, 50.0]},
+            {"angle_deg": 180, "position_mm": [-101.0, 0.0, 50.0]},
+        ],
+    },
+):
     """Places of a ball that a rotary axis carries."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "axis": "C",
-                "points": [
-                    {"angle_deg": 0, "position_mm": [101.0, 0.0, 50.0]},
-                    {"angle_deg": 90, "position_mm": [0.0, 101.0, 50.0]},
-                    {"angle_deg": 180, "position_mm": [-101.0, 0.0, 50.0]},
-                ],
-            }
-        }
-    )
 
     axis: str = Field(description="The rotary axis, A, B or C", examples=["C"])
     points: Annotated[list[BallSchema], InPieces(5000)] = Field(

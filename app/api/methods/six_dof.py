@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.errors import list_names
@@ -48,21 +48,18 @@ from app.stated import Point
 from app.thermal.machine import Machine
 
 
-class SixDofRequest(MeasurementRequest):
+class SixDofRequest(
+    MeasurementRequest,
+    example={
+        "axis": "x",
+        "positions_mm": [0, 250, 500],
+        "linear_um": [0, 1.4, 2.9],
+        "straightness_um": {"y": [0, 0.6, 0.1], "z": [0, -0.4, 0.3]},
+        "angular_urad": {"a": [0, 2, 5], "b": [0, 8, 15], "c": [0, -3, -4]},
+        "measuring_line_mm": [0, 250, 100],
+    },
+):
     """Up to six errors of one axis, read together."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "axis": "x",
-                "positions_mm": [0, 250, 500],
-                "linear_um": [0, 1.4, 2.9],
-                "straightness_um": {"y": [0, 0.6, 0.1], "z": [0, -0.4, 0.3]},
-                "angular_urad": {"a": [0, 2, 5], "b": [0, 8, 15], "c": [0, -3, -4]},
-                "measuring_line_mm": [0, 250, 100],
-            }
-        }
-    )
 
     axis: Axis = Field(description="The axis that was measured")
     positions_mm: MeasuredPositions = Field(description="Positions on the axis [mm]")

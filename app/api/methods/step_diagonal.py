@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.files.csv_columns import (
@@ -43,23 +43,20 @@ Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Rows = Annotated[list[Triple], Field(min_length=1, max_length=1000)]
 
 
-class StepDiagonalRequest(MeasurementRequest):
+class StepDiagonalRequest(
+    MeasurementRequest,
+    example={
+        "origin_mm": [0, 0, 0],
+        "step_mm": [100, 100, 80],
+        "diagonals": {
+            "ppp": [[0.4, 0.9, 1.1], [1.6, 2.0, 2.3]],
+            "npp": [[0.2, 0.7, 0.9], [1.1, 1.6, 1.8]],
+            "pnp": [[0.5, 0.8, 1.0], [1.4, 1.8, 2.1]],
+            "ppn": [[0.3, 0.8, 0.9], [1.3, 1.7, 1.8]],
+        },
+    },
+):
     """Readings of a laser along body diagonals, after each single step of x, y and z."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "origin_mm": [0, 0, 0],
-                "step_mm": [100, 100, 80],
-                "diagonals": {
-                    "ppp": [[0.4, 0.9, 1.1], [1.6, 2.0, 2.3]],
-                    "npp": [[0.2, 0.7, 0.9], [1.1, 1.6, 1.8]],
-                    "pnp": [[0.5, 0.8, 1.0], [1.4, 1.8, 2.1]],
-                    "ppn": [[0.3, 0.8, 0.9], [1.3, 1.7, 1.8]],
-                },
-            }
-        }
-    )
 
     origin_mm: Point = Field(description="Lowest corner x, y, z of the volume [mm]")
     step_mm: Point = Field(description="Length of a step of x, y and z [mm]")

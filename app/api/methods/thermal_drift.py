@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from app.api.methods.method import Method
 from app.decimal_text import read_number
@@ -68,44 +68,41 @@ class NestReading(DriftReading):
     y2_um: Number | None = Field(None, description="Along Y, as far from y_um [µm]")
 
 
-class ThermalDriftRequest(MeasurementRequest):
+class ThermalDriftRequest(
+    MeasurementRequest,
+    example={
+        "test": "spindle",
+        "point_mm": [250, 200, 200],
+        "tool_offset_mm": [0, 0, 160],
+        "readings": [
+            {
+                "time": "2026-03-01T06:00:00Z",
+                "x_um": 0.2,
+                "y_um": -0.1,
+                "z_um": 0.0,
+                "temperatures_c": {"x-middle": 20.1, "y-front": 20.0, "z-column": 20.3},
+            },
+            {
+                "time": "2026-03-01T06:30:00Z",
+                "x_um": 1.1,
+                "y_um": 2.4,
+                "z_um": 9.3,
+                "temperatures_c": {"x-middle": 20.4, "y-front": 20.2, "z-column": 23.9},
+            },
+            {
+                "time": "2026-03-01T07:00:00Z",
+                "x_um": 1.6,
+                "y_um": 3.9,
+                "z_um": 14.2,
+                "temperatures_c": {"x-middle": 20.9, "y-front": 20.5, "z-column": 26.1},
+            },
+        ],
+    },
+):
     """A nest of displacement sensors over hours, with the machine's temperatures.
 
     `measured_at` and `temperatures_c` of the whole are not used: each reading states its own.
     """
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "test": "spindle",
-                "point_mm": [250, 200, 200],
-                "tool_offset_mm": [0, 0, 160],
-                "readings": [
-                    {
-                        "time": "2026-03-01T06:00:00Z",
-                        "x_um": 0.2,
-                        "y_um": -0.1,
-                        "z_um": 0.0,
-                        "temperatures_c": {"x-middle": 20.1, "y-front": 20.0, "z-column": 20.3},
-                    },
-                    {
-                        "time": "2026-03-01T06:30:00Z",
-                        "x_um": 1.1,
-                        "y_um": 2.4,
-                        "z_um": 9.3,
-                        "temperatures_c": {"x-middle": 20.4, "y-front": 20.2, "z-column": 23.9},
-                    },
-                    {
-                        "time": "2026-03-01T07:00:00Z",
-                        "x_um": 1.6,
-                        "y_um": 3.9,
-                        "z_um": 14.2,
-                        "temperatures_c": {"x-middle": 20.9, "y-front": 20.5, "z-column": 26.1},
-                    },
-                ],
-            }
-        }
-    )
 
     test: DriftTest = Field(
         description="`environment` (nothing moves: ETVE), `spindle` (it turns), `linear-axis` "
