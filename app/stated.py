@@ -39,7 +39,7 @@ class Schema(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    def __init_subclass__(cls, example: Mapping[str, Any] | None = None, **more: Any) -> None:
+    def __init_subclass__(cls, example: dict[str, Any] | None = None, **more: Any) -> None:
         super().__init_subclass__(**more)
         if example is not None:
             cls.model_config["json_schema_extra"] = {"example": example}
