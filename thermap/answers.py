@@ -262,7 +262,7 @@ class CompensationCourse(Shape):
 
 
 class ComponentAnswer(TableEntry):
-    """One component of a stored map."""
+    """One component of a stored map: the fields that it has, and no others."""
 
     component: str
     """ISO 230-1 code (EXX, SXY, EYY^x) or the chapter's notation (D_x(x), S_xy)"""
@@ -271,70 +271,70 @@ class ComponentAnswer(TableEntry):
     """Positions on the component's axis [mm], strictly increasing"""
 
     errors_um: list[float] | None = None
-    """Linear errors, actual minus nominal [µm]"""
+    """Actual minus nominal: linear displacement, straightness [µm]"""
 
     errors_urad: list[float] | None = None
-    """Angular errors [µrad]"""
-
-    slopes_um_per_m: list[float] | None = None
-    """Slopes of a linear error [µm/m]"""
-
-    slopes_urad_per_m: list[float] | None = None
-    """Slopes of an angular error [µrad/m]"""
-
-    backward_errors_um: list[float] | None = None
-    """The errors when approached in the negative direction [µm]"""
-
-    backward_errors_urad: list[float] | None = None
-    """The same [µrad]"""
-
-    backward_slopes_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
-
-    backward_slopes_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """Actual minus nominal: angular [µrad]"""
 
     value_um_per_m: float | None = None
-    """Squareness [µm/m], E_x = SXY·y"""
+    """Actual minus nominal: squareness [µm/m]"""
+
+    slopes_um_per_m: list[float] | None = None
+    """Actual minus nominal: nonrigid slope [µm/m]"""
+
+    slopes_urad_per_m: list[float] | None = None
+    """Actual minus nominal: nonrigid slope [µrad/m]"""
 
     value_um: float | None = None
-    """Rotary-axis position error [µm]"""
+    """Actual minus nominal: rotary-axis location [µm]"""
 
     value_urad: float | None = None
-    """Rotary-axis direction error [µrad]"""
+    """Actual minus nominal: rotary-axis location [µrad]"""
+
+    backward_errors_um: list[float] | None = None
+    """Approached in the negative direction: linear displacement, straightness [µm]"""
+
+    backward_errors_urad: list[float] | None = None
+    """Approached in the negative direction: angular [µrad]"""
+
+    backward_slopes_um_per_m: list[float] | None = None
+    """Approached in the negative direction: nonrigid slope [µm/m]"""
+
+    backward_slopes_urad_per_m: list[float] | None = None
+    """Approached in the negative direction: nonrigid slope [µrad/m]"""
 
     standard_errors_um: list[float] | None = None
-    """Standard error of each error, one standard deviation [µm]"""
+    """One standard deviation: linear displacement, straightness [µm]"""
 
     standard_errors_urad: list[float] | None = None
-    """The same [µrad]"""
-
-    standard_errors_um_per_m: list[float] | None = None
-    """Standard errors of slopes [µm/m]"""
-
-    standard_errors_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
-
-    backward_standard_errors_um: list[float] | None = None
-    """Standard errors of the backward errors [µm]"""
-
-    backward_standard_errors_urad: list[float] | None = None
-    """The same [µrad]"""
-
-    backward_standard_errors_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
-
-    backward_standard_errors_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """One standard deviation: angular [µrad]"""
 
     standard_error_um_per_m: float | None = None
-    """Standard error of a squareness [µm/m]"""
+    """One standard deviation: squareness [µm/m]"""
+
+    standard_errors_um_per_m: list[float] | None = None
+    """One standard deviation: nonrigid slope [µm/m]"""
+
+    standard_errors_urad_per_m: list[float] | None = None
+    """One standard deviation: nonrigid slope [µrad/m]"""
 
     standard_error_um: float | None = None
-    """Standard error of a rotary axis' position [µm]"""
+    """One standard deviation: rotary-axis location [µm]"""
 
     standard_error_urad: float | None = None
-    """Standard error of a rotary axis' direction [µrad]"""
+    """One standard deviation: rotary-axis location [µrad]"""
+
+    backward_standard_errors_um: list[float] | None = None
+    """Of the backward errors: linear displacement, straightness [µm]"""
+
+    backward_standard_errors_urad: list[float] | None = None
+    """Of the backward errors: angular [µrad]"""
+
+    backward_standard_errors_um_per_m: list[float] | None = None
+    """Of the backward errors: nonrigid slope [µm/m]"""
+
+    backward_standard_errors_urad_per_m: list[float] | None = None
+    """Of the backward errors: nonrigid slope [µrad/m]"""
 
     covariance: list[list[float]] | None = None
     """Covariance of the errors [square of the errors' unit]: instead of standard errors or beside
@@ -1941,7 +1941,7 @@ class TargetAnswer(Shape):
     """Mean deviation x̄↓ [µm]"""
 
     mean_um: float
-    """Mean of both, x̄ [µm]"""
+    """Mean of both, x̄; of the forward one alone without the other [µm]"""
 
     reversal_um: float | None
     """Reversal value B, x̄↑ less x̄↓ [µm]"""
@@ -2588,97 +2588,122 @@ class ComponentCompensationAnswer(TableEntry):
     """Positions on the axis [mm]"""
 
     errors_um: list[float] | None = None
-    """Errors [µm]"""
+    """Actual minus nominal: linear displacement, straightness [µm]"""
 
     errors_urad: list[float] | None = None
-    """Angular errors [µrad]"""
-
-    slopes_um_per_m: list[float] | None = None
-    """Nonrigid slopes [µm/m]"""
-
-    slopes_urad_per_m: list[float] | None = None
-    """Nonrigid slopes [µrad/m]"""
+    """Actual minus nominal: angular [µrad]"""
 
     error_um_per_m: float | None = None
-    """Squareness [µm/m]"""
+    """Actual minus nominal: squareness [µm/m]"""
+
+    slopes_um_per_m: list[float] | None = None
+    """Actual minus nominal: nonrigid slope [µm/m]"""
+
+    slopes_urad_per_m: list[float] | None = None
+    """Actual minus nominal: nonrigid slope [µrad/m]"""
 
     error_um: float | None = None
-    """Rotary-axis position error [µm]"""
+    """Actual minus nominal: rotary-axis location [µm]"""
 
     error_urad: float | None = None
-    """Rotary-axis direction error [µrad]"""
+    """Actual minus nominal: rotary-axis location [µrad]"""
 
     standard_errors_um: list[float] | None = None
-    """Standard error of each error and its compensation [µm], as far as the measurement of the maps
+    """Standard error of each error and its compensation, as far as the measurement of the maps
     goes: temperatures count as exact at the maps and between them, beyond the maps what their
-    resolution adds over the edge is in it; absent where a map that enters states none
+    resolution adds over the edge is in it; absent where a map that enters states none: linear
+    displacement, straightness [µm]
     """
 
     standard_errors_urad: list[float] | None = None
-    """The same [µrad]"""
-
-    standard_errors_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
-
-    standard_errors_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: angular
+    [µrad]
+    """
 
     standard_error_um_per_m: float | None = None
-    """Standard error of a squareness [µm/m]"""
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: squareness
+    [µm/m]
+    """
+
+    standard_errors_um_per_m: list[float] | None = None
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: nonrigid
+    slope [µm/m]
+    """
+
+    standard_errors_urad_per_m: list[float] | None = None
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: nonrigid
+    slope [µrad/m]
+    """
 
     standard_error_um: float | None = None
-    """Standard error of a rotary axis' position [µm]"""
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: rotary-axis
+    location [µm]
+    """
 
     standard_error_urad: float | None = None
-    """Standard error of a rotary axis' direction [µrad]"""
+    """Standard error of each error and its compensation, as far as the measurement of the maps
+    goes: temperatures count as exact at the maps and between them, beyond the maps what their
+    resolution adds over the edge is in it; absent where a map that enters states none: rotary-axis
+    location [µrad]
+    """
 
     compensation_um: list[float] | float | None = None
-    """Minus the error [µm]"""
+    """Minus the error: linear displacement, straightness, rotary-axis location [µm]"""
 
     compensation_urad: list[float] | float | None = None
-    """Minus the error [µrad]"""
+    """Minus the error: angular, rotary-axis location [µrad]"""
 
     compensation_um_per_m: list[float] | float | None = None
-    """Minus the slope or squareness [µm/m]"""
+    """Minus the error: squareness, nonrigid slope [µm/m]"""
 
-    compensation_urad_per_m: list[float] | None = None
-    """Minus the slope [µrad/m]"""
+    compensation_urad_per_m: list[float] | float | None = None
+    """Minus the error: nonrigid slope [µrad/m]"""
 
     backward_errors_um: list[float] | None = None
-    """Errors when approached in the negative direction [µm]"""
+    """Approached in the negative direction: linear displacement, straightness [µm]"""
 
     backward_errors_urad: list[float] | None = None
-    """The same [µrad]"""
+    """Approached in the negative direction: angular [µrad]"""
 
     backward_slopes_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
+    """Approached in the negative direction: nonrigid slope [µm/m]"""
 
     backward_slopes_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """Approached in the negative direction: nonrigid slope [µrad/m]"""
 
     backward_standard_errors_um: list[float] | None = None
-    """Standard errors of the backward errors [µm]"""
+    """Of the backward errors: linear displacement, straightness [µm]"""
 
     backward_standard_errors_urad: list[float] | None = None
-    """The same [µrad]"""
+    """Of the backward errors: angular [µrad]"""
 
     backward_standard_errors_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
+    """Of the backward errors: nonrigid slope [µm/m]"""
 
     backward_standard_errors_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """Of the backward errors: nonrigid slope [µrad/m]"""
 
     backward_compensation_um: list[float] | None = None
-    """Minus the backward error [µm]"""
+    """Minus the backward error: linear displacement, straightness [µm]"""
 
     backward_compensation_urad: list[float] | None = None
-    """The same [µrad]"""
+    """Minus the backward error: angular [µrad]"""
 
     backward_compensation_um_per_m: list[float] | None = None
-    """The same [µm/m]"""
+    """Minus the backward error: nonrigid slope [µm/m]"""
 
     backward_compensation_urad_per_m: list[float] | None = None
-    """The same [µrad/m]"""
+    """Minus the backward error: nonrigid slope [µrad/m]"""
 
     iso: str | None = None
     """ISO 230-1 name of a squareness"""
@@ -3228,7 +3253,7 @@ class ModelAnswer(Shape):
     active: bool
     """Whether tables are computed with it now"""
 
-    waiting: bool = False
+    waiting: bool
     """Whether it waits for its activation because its tables would lose something"""
 
     created_at: AwareDatetime
@@ -3576,27 +3601,27 @@ class WholeVerificationAnswer(VerificationAnswer):
 class ModelChange(Shape):
     """Which version was made, and whether tables are computed with it."""
 
-    model_version: int | None = None
+    model_version: int | None
     """The version that was made"""
 
-    activated: bool | None = None
+    activated: bool | None
     """Whether it is active; a version that loses something waits until somebody activates it, and
     the next ones are made of it
     """
 
-    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    loses: list[CoverageAnswer]
     """What its tables lack against those of the version active before"""
 
-    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    gains: list[CoverageAnswer]
     """What its tables have beyond those"""
 
-    next_step: str | None = None
+    next_step: str | None
     """How to activate it all the same; null where it is active"""
 
-    waited_before: WaitedBeforeAnswer | None = None
+    waited_before: WaitedBeforeAnswer | None
     """What waited already; null where nothing did"""
 
-    stays_active: int | None = None
+    stays_active: int | None
     """The version that stays active while this one waits; null where it is"""
 
 
@@ -3757,7 +3782,7 @@ class CurrentCompensationAnswer(CompensationAnswer):
     """Every sensor's state"""
 
 
-class ErrorMapAnswer(ModelChange, Components):
+class ErrorMapAnswer(Components):
     """A stored error map."""
 
     label: str
@@ -3776,7 +3801,7 @@ class ErrorMapAnswer(ModelChange, Components):
         {}, validate_default=True
     )
     """Axis to the line along which its translations were measured: a point (x, y, z) of it [mm], or
-    that point with the tool offset
+    that point with the tool offset; absent where they are free of the rotations' effect
     """
 
     repeatability_um: float | None = None
@@ -3784,6 +3809,29 @@ class ErrorMapAnswer(ModelChange, Components):
 
     instrument: str | None = None
     """What measured"""
+
+    model_version: int | None = None
+    """The version that was made"""
+
+    activated: bool | None = None
+    """Whether it is active; a version that loses something waits until somebody activates it, and
+    the next ones are made of it
+    """
+
+    loses: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables lack against those of the version active before"""
+
+    gains: list[CoverageAnswer] = Field([], validate_default=True)
+    """What its tables have beyond those"""
+
+    next_step: str | None = None
+    """How to activate it all the same; null where it is active"""
+
+    waited_before: WaitedBeforeAnswer | None = None
+    """What waited already; null where nothing did"""
+
+    stays_active: int | None = None
+    """The version that stays active while this one waits; null where it is"""
 
     id: int
     """The map's number"""
@@ -3956,7 +4004,7 @@ class MeasurementAnswer(ModelChange, Components):
     method: str
     """How it was measured"""
 
-    label: str | None = None
+    label: str | None
     """The name of its map, where one was stated"""
 
     stored: bool
@@ -3965,7 +4013,7 @@ class MeasurementAnswer(ModelChange, Components):
     map_id: int | None
     """That map's number"""
 
-    is_new: bool = False
+    is_new: bool
     """False where the same map was there already, or none"""
 
     components: list[ComponentAnswer]
@@ -3982,10 +4030,10 @@ class MeasurementAnswer(ModelChange, Components):
     measuring_lines_mm: dict[str, list[float] | MeasuringLineSchema]
     """Axis to the line along which its translations count as measured [mm]"""
 
-    warnings: list[str] = []
-    """What of its file was not read; left out without one"""
+    warnings: list[str]
+    """What of its file was not read"""
 
-    preview: PreviewAnswer | None = None
+    preview: PreviewAnswer | None
     """What storing it would do to the tables, where a preview was asked for"""
 
 
@@ -4031,13 +4079,15 @@ class RotaryAxisAnswer(MeasurementAnswer):
     """The axis' location errors, with run-out in `figures`."""
 
     residuals_um: list[list[float]]
-    """Measured minus fitted place of the ball: radial, tangential, axial [µm]"""
+    """Measured minus fitted place of the ball: radial (outward), tangential (in the sense of
+    positive rotation), axial [µm]
+    """
 
     noise_um: float | None
     """Standard deviation of one coordinate, from the residuals or as stated [µm]"""
 
     degrees_of_freedom: int
-    """Of that noise"""
+    """Of that noise; 0 where it was stated or nobody knows"""
 
     path: PathErrorsAnswer
     """The path errors before and after compensation; rms and largest length are in `figures` [µm]
@@ -4059,7 +4109,7 @@ class ThermalDriftAnswer(MeasurementAnswer):
     states: list[DriftStateAnswer]
     """Thermal states, in order of time"""
 
-    verification: DriftVerificationAnswer | None = None
+    verification: DriftVerificationAnswer | None
     """The stored verification, where one was asked for"""
 
 
@@ -4067,7 +4117,7 @@ class BodyDiagonalAnswer(MeasurementAnswer):
     """Ed, ESd, and the squareness that the diagonals' ends show."""
 
     Ed_um: float
-    """Largest range on a diagonal [µm]"""
+    """Largest range on a diagonal, of the means in both directions [µm]"""
 
     ESd_um: float
     """Range over all diagonals together [µm]"""
@@ -4076,14 +4126,16 @@ class BodyDiagonalAnswer(MeasurementAnswer):
     """Range on each diagonal [µm]"""
 
     reversal_um: dict[str, float]
-    """Largest reversal value on each diagonal, forward less backward [µm]"""
+    """Largest reversal value on each diagonal, forward less backward mean [µm]; empty where nothing
+    was measured backwards
+    """
 
 
 class DrilledPlateAnswer(MeasurementAnswer):
     """Scale, squareness and axis errors, up to a rigid motion."""
 
     rotation_urad: float
-    """How the plate lay, about Z [µrad]"""
+    """How the plate lay on the coordinate machine, about Z [µrad]"""
 
     shift_mm: list[float]
     """Where its nominal zero lay [mm]"""
@@ -4111,7 +4163,9 @@ class MachinedPartAnswer(MeasurementAnswer):
     """Range of the deviations from the line [µm]"""
 
     slope_um_per_m: float
-    """Slope that was taken out [µm/m]"""
+    """Slope that was taken out [µm/m]: alignment on the coordinate machine, and whatever squareness
+    the edge has
+    """
 
     suspicious: list[int]
     """Indices of measured points far from the rest, from 0; they are kept"""

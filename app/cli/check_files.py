@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, cast
 
-from app.services.observations import VisitPreview
 from app.cli.terminal import echo
 from app.cli.uploads import (
     Beside,
@@ -19,6 +18,7 @@ from app.cli.uploads import (
     send,
 )
 from app.errors import counted
+from app.services.observations import VisitPreview
 from thermap import ThermapClient, calls
 from thermap.answers import StoredVerificationAnswer, VerificationPreview
 

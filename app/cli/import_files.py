@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from app.services.machines import MachineAnswer
 from app.cli.asking import ThermapClient, asks
 from app.cli.console import console
 from app.cli.measurement_view import measurement_view
@@ -37,13 +36,15 @@ from thermap import calls
 from thermap.answers import (
     DriftVerificationAnswer,
     ErrorMapAnswer,
+    MachineAnswer,
     MapPreview,
     MeasurementAnswer,
     PreviewAnswer,
     ThermalDriftAnswer,
 )
 
-_ANSWERED: Final = {f.name for f in fields(MachineAnswer)} - {f.name for f in fields(Machine)}
+_STATED: Final = {field.name for field in fields(Machine)} | {"configuration"}
+_ANSWERED: Final = MachineAnswer.model_fields.keys() - _STATED
 """What the service says of a machine, and nobody states."""
 
 

@@ -16,7 +16,6 @@ from typing import Annotated, Any, Final, TypeAlias
 import numpy as np
 import typer
 
-from app.services.observations import MeasuredObservation
 from app.cli.asking import ThermapClient, asks
 from app.cli.check_files import look_at_visits
 from app.cli.options import (
@@ -35,6 +34,7 @@ from app.effects.observations import Observation, Verification
 from app.errors import ThermapError, UnknownComponent, counted, list_names
 from app.files.csv_writing import csv_of_check
 from app.geometry.components import COMPONENTS, LINEAR_LETTERS, Component, parse_component
+from app.services.observations import MeasuredObservation
 from thermap import ThermapClientError
 
 OBSERVATION_EVERY: Final = timedelta(seconds=20)

@@ -10,10 +10,10 @@ import httpx
 import pytest
 from rich.console import Console
 
-from app.services.observations import VerificationRequest
 from app.cli.analyse_view import analysis_view
 from app.cli.listening import listening, serving, url_of
 from app.files.csv_writing import csv_of_check
+from app.services.observations import VerificationRequest
 from app.storage.analysis_results import RESULTS
 from tests.campaign_examples import (
     LATER,
