@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         ChangeThenAnswer,
         ComponentChangeAnswer,
         CoverageAnswer,
+        ErrorMapAnswer,
         ModelAnswer,
         ModelChange,
         ModelComparisonAnswer,
@@ -213,7 +214,9 @@ def difference_lines(change: ModelChange) -> Iterator[str]:
     yield from (f"tables gain {text}" for text in _together(change.gains))
 
 
-def waiting_lines(change: ModelChange, machine: str, stored: int | None = None) -> Iterator[str]:
+def waiting_lines(
+    change: ModelChange | ErrorMapAnswer, machine: str, stored: int | None = None
+) -> Iterator[str]:
     """Say that a version waits, and what can be done about it; nothing where none does.
 
     Parameters
