@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.api.table_json import CompensationAnswer
 from app.cli.compensate import table_view
 from app.effects.driver import Always, SinceReference
 from app.effects.effect import Effect
@@ -44,6 +43,7 @@ from tests.service_examples import (
     reading,
     temperatures,
 )
+from thermap.answers import CompensationAnswer
 
 pytestmark = pytest.mark.anyio
 
