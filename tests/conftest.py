@@ -171,6 +171,22 @@ def postgresql_url(databases):
 
 
 @pytest.fixture
+def sqlite_example(databases):
+    """The example machine with three maps, on SQLite alone."""
+    url = databases.prepared("sqlite", furnish_database)
+    yield url
+    databases.give_back(url)
+
+
+@pytest.fixture
+def postgresql_example(databases):
+    """The example machine with three maps, on PostgreSQL alone."""
+    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
+    yield url
+    databases.give_back(url)
+
+
+@pytest.fixture
 def clock():
     """The service's clock, which stands still until it is moved."""
     return Clock()
@@ -210,15 +226,13 @@ async def client(app):
 
 
 @pytest.fixture
-def wire(databases):
+def wire(postgresql_example):
     """A cut-able wire to a database with the example machine, and the URL through it."""
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    parsed = make_url(url)
+    parsed = make_url(postgresql_example)
     proxy = TcpProxy(parsed.host, parsed.port or 5432)
     proxy.url = parsed.set(host="127.0.0.1", port=proxy.port).render_as_string(False)
     yield proxy
     proxy.cut()
-    databases.give_back(url)
 
 
 @pytest.fixture

@@ -15,18 +15,10 @@ from app.settings import Settings
 from app.storage.database import Database
 from app.storage.readings import list_readings
 from tests.cli.conftest import ended, wait_until_it_answers
-from tests.databases import reachable
-from tests.service_examples import MACHINE, ROOM, START, furnish_database, iso, reading
+from tests.service_examples import MACHINE, ROOM, START, iso, reading
 
 SOON_S = 120.0
 """A machine may be slow, but nothing hangs."""
-
-
-@pytest.fixture
-def shared_url(databases):
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    yield url
-    databases.give_back(url)
 
 
 def workers_of(process):
@@ -81,7 +73,7 @@ def test_connections_and_opcua_are_the_first_workers_alone():
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_workers_share_a_socket_are_started_again_and_end_together(
-    start, run, free_port, shared_url, tmp_path
+    start, run, free_port, postgresql_example, tmp_path
 ):
     """And each of them says how the first one's connections fare."""
     file = tmp_path / "thermap.toml"
@@ -91,7 +83,7 @@ def test_workers_share_a_socket_are_started_again_and_end_together(
         encoding="utf-8",
     )
     process = start(
-        *("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url),
+        *("serve", "--workers", "2", "--port", free_port, "--database-url", postgresql_example),
         *("--config", file),
     )
     url = f"http://127.0.0.1:{free_port}"
@@ -123,8 +115,10 @@ def test_workers_share_a_socket_are_started_again_and_end_together(
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
-def test_workers_end_when_what_started_them_is_killed(start, free_port, shared_url):
-    process = start(*("serve", "--workers", "2", "--port", free_port, "--database-url", shared_url))
+def test_workers_end_when_what_started_them_is_killed(start, free_port, postgresql_example):
+    process = start(
+        *("serve", "--workers", "2", "--port", free_port, "--database-url", postgresql_example)
+    )
     url = f"http://127.0.0.1:{free_port}"
     wait_until_it_answers(url)
     everybody_answers(url)
@@ -142,10 +136,12 @@ def is_running(pid):
 
 
 @pytest.mark.slow
-def test_no_acknowledged_reading_is_lost_when_a_replica_is_killed(start, databases, shared_url):
+def test_no_acknowledged_reading_is_lost_when_a_replica_is_killed(
+    start, databases, postgresql_example
+):
     """Two replicas; clients go over to the other one when theirs is killed, as a proxy does."""
     replicas = [
-        start("serve", "--port", "0", "--database-url", shared_url, "--log-level", "error")
+        start("serve", "--port", "0", "--database-url", postgresql_example, "--log-level", "error")
         for _ in range(2)
     ]
     urls = [_url_of(replica) for replica in replicas]
@@ -180,7 +176,7 @@ def test_no_acknowledged_reading_is_lost_when_a_replica_is_killed(start, databas
     stop.set()
     for sender in senders:
         sender.join()
-    database = Database(shared_url)
+    database = Database(postgresql_example)
     with database.reading() as session:
         stored = {one.time for one in list_readings(session, MACHINE["id"])}
     database.close()

@@ -15,7 +15,6 @@ from app.services import events, tell_receivers
 from app.services.events import AlarmLog
 from app.services.tell_receivers import ReceiverTelling
 from tests.connections.receiver_examples import Webhook, mail_server
-from tests.databases import reachable
 from tests.service_examples import (
     MACHINE,
     ROOM,
@@ -198,15 +197,8 @@ async def test_after_a_restart_nothing_is_told_again(shop, hook):
     assert len(hook.came) == 2
 
 
-@pytest.fixture
-def shared_url(databases):
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    yield url
-    databases.give_back(url)
-
-
-async def test_of_two_services_one_sends(new_app, shared_url, clock, hook):
-    apps = [new_app(shared_url) for _ in range(2)]
+async def test_of_two_services_one_sends(new_app, postgresql_example, clock, hook):
+    apps = [new_app(postgresql_example) for _ in range(2)]
     tellings = [ReceiverTelling(app.state.context, [receiver(hook.url)]) for app in apps]
     async with client_of(apps[0]) as client:
         shop = Shop(apps[0], client, clock, [])

@@ -22,12 +22,11 @@ from app.services.follow_database import DatabaseFollower
 from app.storage import postgresql
 from app.storage.database import Database
 from app.storage.limits import Limits
-from tests.databases import locked, reachable
+from tests.databases import locked
 from tests.service_examples import (
     ROOM,
     START,
     client_of,
-    furnish_database,
     problem,
     reading,
     temperatures,
@@ -41,20 +40,6 @@ SOON_S = 60.0
 STATED = {"temperatures_c": temperatures(25.5)}
 
 HELD_UP = 60
-
-
-@pytest.fixture
-def postgresql_example(databases):
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    yield url
-    databases.give_back(url)
-
-
-@pytest.fixture
-def sqlite_example(databases):
-    url = databases.prepared("sqlite", furnish_database)
-    yield url
-    databases.give_back(url)
 
 
 @pytest.fixture

@@ -24,14 +24,12 @@ from app.storage.limits import Limits
 from app.storage.machines import RowLock, find_machine
 from app.storage.tables import MachineRow
 from app.thermal.machine import Machine
-from tests.databases import reachable
 from tests.service_examples import (
     MACHINE,
     ROOM,
     START,
     client_of,
     error_map,
-    furnish_database,
     problem,
     reading,
 )
@@ -86,16 +84,9 @@ def another(url):
 
 
 @pytest.fixture
-def example(databases):
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    yield url
-    databases.give_back(url)
-
-
-@pytest.fixture
-def overtake(example):
+def overtake(postgresql_example):
     """Let PostgreSQL undo the next transactions that write to any table."""
-    with another(example) as other:
+    with another(postgresql_example) as other:
         tables = other.execute(
             "SELECT tablename FROM pg_tables WHERE schemaname = 'public' "
             "AND tablename <> 'alembic_version'"
@@ -118,7 +109,7 @@ def overtake(example):
             other.commit()
 
         def times_seen():
-            with another(example) as fresh:
+            with another(postgresql_example) as fresh:
                 return fresh.execute("SELECT last_value FROM public.overtaken").fetchone()[0]
 
         so_often.seen = times_seen
@@ -140,9 +131,11 @@ def without_pauses(monkeypatch):
 @pytest.mark.usefixtures("without_pauses")
 @pytest.mark.parametrize("sqlstate", ["40P01", "40001"])
 @pytest.mark.parametrize("writer", WRITERS)
-async def test_a_writer_that_was_undone_begins_anew(new_app, example, overtake, writer, sqlstate):
+async def test_a_writer_that_was_undone_begins_anew(
+    new_app, postgresql_example, overtake, writer, sqlstate
+):
     method, path, body, status = WRITERS[writer]
-    service = new_app(example)
+    service = new_app(postgresql_example)
     overtake(TIMES - 1, sqlstate)
     async with client_of(service) as client:
         answer = await client.request(method, path, json=body)
@@ -154,8 +147,8 @@ async def test_a_writer_that_was_undone_begins_anew(new_app, example, overtake, 
 
 
 @pytest.mark.usefixtures("without_pauses")
-async def test_whoever_is_undone_every_time_is_told(new_app, example, overtake):
-    service = new_app(example)
+async def test_whoever_is_undone_every_time_is_told(new_app, postgresql_example, overtake):
+    service = new_app(postgresql_example)
     overtake(10**6, "40P01")
     async with client_of(service) as client:
         answer = await client.post(READINGS, json=reading(START, 25.0))
@@ -217,14 +210,14 @@ def _make_two_machines(context):
         create_machine(context, replace(machine, id=name, name=name))
 
 
-async def test_readings_hold_nothing_before_they_hold_their_machine(new_app, example):
+async def test_readings_hold_nothing_before_they_hold_their_machine(new_app, postgresql_example):
     """Or who waits for them lets somebody wait who wants the machine, for which they wait."""
-    service = new_app(example)
+    service = new_app(postgresql_example)
     async with client_of(service) as client:
-        with another(example) as other:
+        with another(postgresql_example) as other:
             other.execute("SELECT FROM machine FOR UPDATE")
             storing = asyncio.create_task(client.post(READINGS, json=reading(START, 25.0)))
-            held = await _held_by_who_waits(example)
+            held = await _held_by_who_waits(postgresql_example)
             other.rollback()
         assert (await storing).status_code == 201
     assert ("machine", "RowShareLock") in held
@@ -246,8 +239,8 @@ async def _held_by_who_waits(url):
             return looking.execute(locks, [pid]).fetchall()
 
 
-async def test_readings_need_not_wait_for_a_new_model(new_app, example):
-    service = new_app(example, lock_limit_s=0.3)
+async def test_readings_need_not_wait_for_a_new_model(new_app, postgresql_example):
+    service = new_app(postgresql_example, lock_limit_s=0.3)
     async with client_of(service) as client:
         with changing_machine(service.state.context, "mcfv5050") as change:
             change.row.name = "renamed"

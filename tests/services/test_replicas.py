@@ -21,13 +21,11 @@ from app.services.events import ALARM_DUTY, AlarmLog
 from app.services.follow_database import DatabaseFollower
 from app.settings import Settings
 from app.storage.news import CHANNEL, NewsKind, read_payload, tell
-from tests.databases import reachable
 from tests.service_examples import (
     ROOM,
     START,
     UNHURRIED,
     client_of,
-    furnish_database,
     iso,
     problem,
     reading,
@@ -40,13 +38,6 @@ SOON_S = 60.0
 """A machine may be slow; what is told is seen some time."""
 
 STATED = {"temperatures_c": temperatures(25.5)}
-
-
-@pytest.fixture
-def shared_url(databases):
-    url = reachable(lambda kind: databases.prepared(kind, furnish_database), "postgresql")
-    yield url
-    databases.give_back(url)
 
 
 @pytest.fixture
@@ -68,17 +59,17 @@ def following(service):
 
 
 @pytest.fixture
-def one_app(new_app, shared_url, told_only):
-    return new_app(shared_url)
+def one_app(new_app, postgresql_example, told_only):
+    return new_app(postgresql_example)
 
 
 @pytest.fixture
-def other_app(new_app, shared_url, told_only):
+def other_app(new_app, postgresql_example, told_only):
     """Another service, that has looked at everything once and hears news from now on."""
-    service = new_app(shared_url)
+    service = new_app(postgresql_example)
     with following(service):
         until(lambda: len(service.state.context.live) == 1)
-        until(lambda: listeners(shared_url) == 1)
+        until(lambda: listeners(postgresql_example) == 1)
         yield service
 
 
@@ -159,26 +150,25 @@ async def test_what_one_withdrew_is_in_no_table_of_the_other(one, other):
 
 
 async def test_a_key_that_is_revoked_elsewhere_opens_nothing_any_more(
-    new_app, shared_url, one_app, told_only
+    new_app, postgresql_example, one_app, told_only
 ):
     database = one_app.state.context.database
     made = create_key(database, "line-3", Role.VIEWER)
     key, digest = made.key, digest_of(made.secret)
-    service = new_app(shared_url, require_keys=True, refresh_s=3600.0)
+    service = new_app(postgresql_example, require_keys=True, refresh_s=3600.0)
     # As it is served: the ring that is told has to be the one that opens.
     with listening("127.0.0.1", 0, "serve") as opened, serving(service, opened, "warning"):
-        until(lambda: listeners(shared_url) == 1)
+        until(lambda: listeners(postgresql_example) == 1)
         until(lambda: service.state.access.ring.find(digest).key == key)
         revoke_key(database, "line-3")
         until(lambda: service.state.access.ring.find(digest) is None)
 
 
 async def test_what_was_stored_while_nobody_could_be_told_is_seen_after_the_connection(
-    new_app, shared_url, one, wire, told_only
+    new_app, one, wire, told_only
 ):
     """The wire is cut, so that what one tells is heard by nobody."""
-    parsed = make_url(wire.url).set(database=make_url(shared_url).database)
-    service = new_app(parsed.render_as_string(hide_password=False))
+    service = new_app(wire.url)
     ring = service.state.access.ring
     follower = DatabaseFollower(service.state.context, every_s=0.05, refresh_keys=ring.refresh)
     follower.start()
@@ -193,18 +183,18 @@ async def test_what_was_stored_while_nobody_could_be_told_is_seen_after_the_conn
     follower.stop()
 
 
-async def test_who_is_thrown_out_listens_again(shared_url, one, other, other_app):
+async def test_who_is_thrown_out_listens_again(postgresql_example, one, other, other_app):
     window = other_app.state.context.live.get("mcfv5050").readings
     for seconds in (60, 30, 0):
-        throw_out_listeners(shared_url)
+        throw_out_listeners(postgresql_example)
         time = START - timedelta(seconds=seconds)
         await one.post(f"{ROOM}/readings", json=reading(time, 25.5))
         until(lambda time=time: window.latest is not None and window.latest.time == time)
 
 
-async def test_what_is_told_is_small_and_only_what_was_committed(one_app, shared_url):
+async def test_what_is_told_is_small_and_only_what_was_committed(one_app, postgresql_example):
     database = one_app.state.context.database
-    with closing(psycopg.connect(plain(shared_url), autocommit=True)) as ears:
+    with closing(psycopg.connect(plain(postgresql_example), autocommit=True)) as ears:
         ears.execute(f"LISTEN {CHANNEL}")
         with pytest.raises(DBAPIError), database.writing() as session:
             _tell_and_fail(session)
@@ -218,7 +208,7 @@ async def test_what_is_told_is_small_and_only_what_was_committed(one_app, shared
 
 
 async def test_nobody_is_told_of_what_it_stored_itself_nor_confused_by_others(
-    one, other, other_app, shared_url, monkeypatch
+    one, other, other_app, postgresql_example, monkeypatch
 ):
     looks = []
     whole = DatabaseFollower.look
@@ -229,7 +219,7 @@ async def test_nobody_is_told_of_what_it_stored_itself_nor_confused_by_others(
 
     monkeypatch.setattr(DatabaseFollower, "look", look)
     await other.post(f"{ROOM}/readings", json=reading(START - timedelta(seconds=30), 25.0))
-    with psycopg.connect(plain(shared_url), autocommit=True) as somebody:
+    with psycopg.connect(plain(postgresql_example), autocommit=True) as somebody:
         somebody.execute(f"NOTIFY {CHANNEL}, 'nothing of ours'")
     await one.post(f"{ROOM}/readings", json=reading(START, 25.5))
     live = other_app.state.context.live.get("mcfv5050")
@@ -240,8 +230,10 @@ async def test_nobody_is_told_of_what_it_stored_itself_nor_confused_by_others(
 
 
 @pytest.mark.slow
-async def test_streams_of_one_tell_what_another_stored(new_app, shared_url, one, told_only, clock):
-    service = create_app(Settings(database_url=shared_url, refresh_s=3600.0, **UNHURRIED))
+async def test_streams_of_one_tell_what_another_stored(
+    new_app, postgresql_example, one, told_only, clock
+):
+    service = create_app(Settings(database_url=postgresql_example, refresh_s=3600.0, **UNHURRIED))
     service.state.context = replace(service.state.context, now=clock)
     with (
         listening("127.0.0.1", 0, "serve") as socket,
@@ -249,9 +241,9 @@ async def test_streams_of_one_tell_what_another_stored(new_app, shared_url, one,
         httpx.Client(base_url=url_of(socket), trust_env=False, timeout=SOON_S) as client,
         client.stream("GET", f"{ROOM}/compensation/stream") as answer,
     ):
-        until(lambda: listeners(shared_url) == 1)
+        until(lambda: listeners(postgresql_example) == 1)
         lines = answer.iter_lines()
-        posting = threading.Thread(target=_post_apart, args=(shared_url, clock))
+        posting = threading.Thread(target=_post_apart, args=(postgresql_example, clock))
         posting.start()
         line = next(found for found in lines if f'"reading_time":"{iso(START)}"' in found)
         posting.join()
@@ -277,11 +269,13 @@ def _post_apart(url, clock):
         assert sent.status_code == 201
 
 
-async def test_one_writes_alarms_and_when_it_is_gone_another(new_app, shared_url, one, told_only):
-    duties = [new_app(shared_url).state.context.database.duty(ALARM_DUTY) for _ in range(3)]
+async def test_one_writes_alarms_and_when_it_is_gone_another(
+    new_app, postgresql_example, one, told_only
+):
+    duties = [new_app(postgresql_example).state.context.database.duty(ALARM_DUTY) for _ in range(3)]
     assert [duty.is_ours() for duty in duties] == [True, False, False]
     assert [duty.is_ours() for duty in duties] == [True, False, False]
-    with psycopg.connect(plain(shared_url)) as connection:
+    with psycopg.connect(plain(postgresql_example)) as connection:
         connection.execute(
             "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' "
             f"AND objid = {ALARM_DUTY} AND database = (SELECT oid FROM pg_database "
@@ -294,8 +288,10 @@ async def test_one_writes_alarms_and_when_it_is_gone_another(new_app, shared_url
     duties[2].lay_down()
 
 
-async def test_an_alarm_is_written_once_and_ended_by_who_takes_over(new_app, shared_url, clock):
-    services = [new_app(shared_url) for _ in range(2)]
+async def test_an_alarm_is_written_once_and_ended_by_who_takes_over(
+    new_app, postgresql_example, clock
+):
+    services = [new_app(postgresql_example) for _ in range(2)]
     followers = [DatabaseFollower(s.state.context, every_s=1.0) for s in services]
     logs = [AlarmLog(service.state.context) for service in services]
 

@@ -21,7 +21,7 @@ from app.storage.readings import insert_readings
 from app.storage.tables import Base
 from app.thermal.reading import Reading
 from tests.databases import KINDS, reachable
-from tests.service_examples import ROOM, START, client_of, error_map, furnish_database, reading
+from tests.service_examples import ROOM, START, client_of, error_map, reading
 
 OLDEST = [s.revision for s in ScriptDirectory.from_config(alembic_config()).walk_revisions()][-1]
 BATCH = 40
@@ -45,13 +45,6 @@ def written(sqlite_example, file):
     """A backup of a SQLite file with the example machine."""
     write_backup(sqlite_example, file)
     return file
-
-
-@pytest.fixture
-def sqlite_example(databases):
-    url = databases.prepared("sqlite", furnish_database)
-    yield url
-    databases.give_back(url)
 
 
 def everything(url):
