@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache, lru_cache
+from urllib.parse import quote
 
 import httpx
 import jsonschema_rs
@@ -154,16 +155,27 @@ def _route_of(path):
     return None
 
 
+DOCUMENT = "urn:openapi"
+
+
 @cache
 def _published(route, method, status):
     """What checks a route's answer of one status; None where no shape of it is published."""
     operation = openapi_document()["paths"].get(route, {}).get(method.lower(), {})
     contents = operation.get("responses", {}).get(str(status), {}).get("content", {})
-    shapes = [c["schema"] for kind, c in contents.items() if kind.endswith("json")]
-    if not shapes:
+    kinds = [kind for kind in contents if kind.endswith("json")]
+    if not kinds:
         return None
-    components = {"components": openapi_document()["components"]}
-    return jsonschema_rs.Draft202012Validator(shapes[0] | components, validate_formats=True)
+    way = ("paths", route, method.lower(), "responses", str(status), "content", kinds[0], "schema")
+    pointer = "/".join(quote(step.replace("~", "~0").replace("/", "~1")) for step in way)
+    return jsonschema_rs.Draft202012Validator(
+        {"$ref": f"{DOCUMENT}#/{pointer}"}, registry=_documents(), validate_formats=True
+    )
+
+
+@cache
+def _documents():
+    return jsonschema_rs.Registry([(DOCUMENT, openapi_document())])
 
 
 def furnish_database(url):
