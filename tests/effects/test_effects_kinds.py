@@ -99,6 +99,30 @@ def test_maps_may_be_off_by_a_straight_line_where_a_shift_shows(datum, is_tested
     assert all(len(line.unit_terms(None)) == 2 for line in lines.values())
 
 
+@pytest.mark.parametrize("at_mm", [(5.0, 120.0, 130.0, 490.0), (5.0, 60.0, 70.0, 100.0)])
+def test_a_profile_has_corners_only_next_to_what_was_measured(at_mm):
+    """At 5 mm the corner at 125 mm has 4 % of its size: what is measured there is not its."""
+    fixed = iter(np.tile(np.repeat(at_mm, 2), 1000).tolist())
+    shown = [
+        replace(
+            visit,
+            observations=[
+                one if one.position_mm is None else replace(one, position_mm=next(fixed))
+                for one in visit.observations
+            ],
+        )
+        for visit in observations(with_points=False)
+    ]
+    proposed = KINDS["outdated-map"].candidates(example_view(verifications=shown)).hypotheses
+    profiles = [h for h in proposed if h.variant == "profile"]
+    corners = {0.0, 125.0, 500.0} if at_mm[3] > 100.0 else set()  # two corners are a line
+    assert len(profiles) == (3 if corners else 0)
+    for profile in profiles:
+        shapes = [term.shape for (term,) in profile.unit_terms(None)]
+        assert {at for shape in shapes for at in shape.positions_mm} == corners
+        assert np.linalg.matrix_rank([s.factors(np.array(at_mm)) for s in shapes]) == 3
+
+
 def test_without_history_nothing_is_late():
     where = example_view()
     bare = CampaignView(

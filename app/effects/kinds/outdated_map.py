@@ -87,9 +87,10 @@ def forms_of(view: CampaignView, code: str, shapes: Sequence[Shape]) -> Iterator
     if rising and has_zero and len(corners) > 2:
         bowed = [Everywhere(), *rising, _bow(corners)]
         yield _form(code, BOW, bowed, ["shift", "shift_rise", "bow"])
-    if rising and len(corners) > 2:
-        names = [f"profile_at_{x:g}_mm" for x in corners]
-        yield _form(code, PROFILE, _hats(corners), names)
+    seen = _seen(view, code, corners)
+    if rising and len(seen) > 2:
+        names = [f"profile_at_{x:g}_mm" for x in seen]
+        yield _form(code, PROFILE, _hats(seen), names)
 
 
 def how_far_off(effect: Effect, form: str) -> str:
@@ -123,6 +124,20 @@ def _corners(view: CampaignView, code: str) -> tuple[float, ...]:
         chosen = np.linspace(0, positions.size - 1, MOST_CORNERS).round().astype(int)
         positions = positions[chosen]
     return tuple(positions.tolist())
+
+
+def _seen(view: CampaignView, code: str, corners: tuple[float, ...]) -> tuple[float, ...]:
+    """Choose the corners next to which something was measured.
+
+    What hardly shows at a place beside a corner that shows well would have that corner's size
+    divided by how little it shows: many times what was measured anywhere.
+    """
+    if not corners:
+        return corners
+    at_mm = np.array(corners)
+    middles_mm = (at_mm[1:] + at_mm[:-1]) / 2.0
+    nearest = np.searchsorted(middles_mm, view.projection.view(code).places.positions_mm)
+    return tuple(at_mm[np.unique(nearest)].tolist())
 
 
 def _bow(corners: tuple[float, ...]) -> Shape:
