@@ -62,7 +62,7 @@ def variant(name: str) -> Iterator[None]:
         with patch.object(decide_module, "_worlds", others):
             yield
     elif name == "ties":
-        with patch.object(decide_module, "_of_rivals", lambda *_: iter(())):
+        with patch.object(decide_module, "_ties", lambda *_: iter(())):
             yield
     elif name == "no held-out set-up markedly worse":
         with patch.object(decide_module, "_worse", lambda *_: iter(())):

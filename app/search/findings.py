@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from math import hypot
 from typing import Final
@@ -64,6 +64,8 @@ class Rival:
         Share of the term's fitted signal that the rival reproduces.
     amplitudes : ndarray, shape (k,), or None
         Its sizes in the term's place, in the candidate's own unit; None where it is not tied.
+    beside
+        Place to the sizes that each other term then has.
     """
 
     key: str
@@ -75,6 +77,7 @@ class Rival:
     with_offset: bool = False
     """Whether it comes so close only with a constant beside it."""
     amplitudes: FloatArray | None = None
+    beside: Mapping[int, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -410,14 +410,19 @@ def _sizes(term: Term, fit: Fit, part: slice) -> tuple[FloatArray, FloatArray]:
 
 
 def _sized(
-    selector: Selector, rival: Rival, instead: Term, term: Term, others: Sequence[Term]
+    selector: Selector, rival: Rival, instead: Term, number: int, terms: Sequence[Term]
 ) -> Rival:
-    """Set beside a tied rival the sizes that it has instead of a term."""
+    """Set beside a tied rival the sizes that it and all other terms have with it instead of one."""
     if not rival.tied:
         return rival
-    offset = offset_of(selector, term) if rival.with_offset else None
-    fit = selector.fit([instead, *others, *([offset] if offset else [])])
-    return replace(rival, amplitudes=_sizes(instead, fit, slice(0, instead.size))[0])
+    offset = offset_of(selector, terms[number]) if rival.with_offset else None
+    again = [*terms[:number], instead, *terms[number + 1 :]]
+    fit = selector.fit([*again, *([offset] if offset else [])])
+    sizes = {
+        place: _sizes(term, fit, part)[0]
+        for place, (term, part) in enumerate(zip(again, places(again), strict=True))
+    }
+    return replace(rival, amplitudes=sizes.pop(number), beside=sizes)
 
 
 def _by_nonlinear(selector: Selector, term: Term, others: Sequence[Term]) -> FloatArray:
@@ -515,7 +520,7 @@ def _found_term(outcome: _Outcome, number: int, sized: Fit) -> FoundTerm:
         degrees_of_freedom=term.size + term.candidate.nonlinear,
         evidence=ratio - selector.cost(term, fit, part.start),
         global_p=main.stages[0].limit.global_p_of(int(entries[0]), ratio, rank),
-        rivals=tuple(_sized(selector, *rival, term, others) for rival in rivals[number]),
+        rivals=tuple(_sized(selector, *rival, number, main.terms) for rival in rivals[number]),
         slope=slope,
         forward_slope=checked.forward[number],
         inclusion=inclusion,

@@ -138,7 +138,7 @@ def stated_search(
         def later(self, effect):
             return explained(effect)
 
-        def later_of(self, rival):
+        def later_with(self, rival):
             return claimed[0] if instead is None else instead
 
         def hidden_share(self, effect):
@@ -240,6 +240,43 @@ def test_what_ties_says_what_the_table_would_need_later(later, behind, tied, hel
     assert one.helps is helps
     assert helps or one.why_not.startswith("step explains these observations as well")
     assert helps or "with it held-out set-ups would go from 1.64 to 0.85" in one.why_not
+
+
+def test_a_tie_needs_of_the_table_what_the_others_need_less_beside_it():
+    """A drift since the maps instead of one since the first visit: a shift is then no longer."""
+    rows = campaign()
+    shapes = {"since the maps": 3.0 + rows.visit, "since the first": 1.0 * rows.visit}
+    shapes |= {"shift": np.ones(len(rows)), "clock": 9.0 * rows.visit}
+
+    class Tables(FinishedSearch):
+        """Effects that are what they add."""
+
+        def later(self, effect):
+            return effect
+
+    places = {"since the first": 0, "shift": 1, "clock": 2}
+    hypotheses = {
+        key: SimpleNamespace(
+            supposed=True if key == "clock" else None,
+            fitted=lambda estimate, shape=shape: estimate.coefficients[0] * shape,
+        )
+        for key, shape in shapes.items()
+    }
+    sizes = {"since the first": np.full(1, 2.0), "shift": np.full(1, 6.0), "clock": np.ones(1)}
+    terms = [term(key=key, place=at, amplitudes=sizes[key]) for key, at in places.items()]
+    known = term(key="shift", place=3, amplitudes=np.zeros(1))
+    found = Tables(
+        residuals=None,
+        rows=None,
+        findings=SimpleNamespace(terms=terms, refitted=(known,)),
+        use=np.ones(len(rows), dtype=bool),
+        hypotheses=hypotheses,
+    )
+    rival = Rival("since the maps", "drift", None, 0.0, 0.9, True, False, np.full(1, 2.0))
+    beside = {1: np.zeros(1), 2: np.full(1, 5.0), 3: np.full(1, 0.5)}
+    alone, together = (found.later_with(replace(rival, beside=b)) for b in ({}, beside))
+    np.testing.assert_allclose(alone, 6.0 + 2.0 * rows.visit)
+    np.testing.assert_allclose(together, 2.0 * rows.visit + 0.5)
 
 
 def test_harm_counts_twice():

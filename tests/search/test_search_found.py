@@ -314,3 +314,27 @@ def test_a_size_that_only_an_unbounded_parameter_gives_is_not_known():
     assert found.amplitudes[0] / found.theta == pytest.approx(2.0, rel=0.15)
     assert abs(found.amplitudes[0] - 32.0) < 2.0 * np.sqrt(found.covariance[0, 0])
     assert found.status is Status.SUSPECTED
+
+
+def test_a_tied_rival_says_how_large_the_others_are_beside_it():
+    """Speed and time, or what has both in it and less of time: the values are the same."""
+    campaign, both = make_campaign(26, visits=24), 0.6
+    shapes = {
+        "speed": lambda c: c.speed,
+        "time": lambda c: c.time,
+        "both": lambda c: c.speed + both * c.time,
+    }
+    candidates = [
+        single(campaign, key, key, 0, lambda _, shape=shape: shape(campaign))
+        for key, shape in shapes.items()
+    ]
+    planted = sum(scaled(shapes[key](campaign), campaign, 0, 3.0) for key in ("speed", "time"))
+    terms = {t.key: t for t in found_in(campaign.plus(planted), candidates).terms}
+    time = terms.pop("time")
+    ((name, term),) = terms.items()  # either of the others
+    (rival,) = (r for r in term.rivals if r.key in shapes and r.key not in (name, "time"))
+    more = {"speed": -both, "both": both}[name] * term.amplitudes
+    assert rival.tied
+    assert rival.amplitudes == pytest.approx(term.amplitudes)
+    assert rival.beside.keys() == {time.place}
+    assert rival.beside[time.place] == pytest.approx(time.amplitudes + more)

@@ -160,6 +160,7 @@ def decide(finished: FinishedSearch, effects: Sequence[Effect]) -> Decision:
     """
     terms = finished.findings.terms
     worlds = [list(_worlds(finished, effects, i)) for i in range(len(effects))]
+    ties = [list(_ties(finished, *pair)) for pair in zip(effects, terms, strict=True)]
     unsure = {
         i
         for i, effect_worlds in enumerate(worlds)
@@ -173,7 +174,7 @@ def decide(finished: FinishedSearch, effects: Sequence[Effect]) -> Decision:
     )
     while True:
         open_to = [i for i, words in enumerate(refusals) if words is None]
-        refused = _refused(finished, effects, worlds, open_to, base)
+        refused = _refused(finished, ties, worlds, open_to, base)
         chosen = [i for i in open_to if i not in refused]
         taken = base + sum(finished.foretold(i) for i in chosen)
         worse = next(_worse(finished, chosen, taken), None)
@@ -200,7 +201,7 @@ def decide(finished: FinishedSearch, effects: Sequence[Effect]) -> Decision:
 
 def _refused(
     finished: FinishedSearch,
-    effects: Sequence[Effect],
+    ties: Sequence[Sequence[tuple[Rival, float]]],
     worlds: Sequence[Sequence[World]],
     candidates: Collection[int],
     base: FloatArray,
@@ -215,9 +216,7 @@ def _refused(
 
     def judged(of: Collection[int]) -> list[tuple[float, int, str]]:
         beside = {i: base + sum(finished.foretold(j) for j in chosen - {i}) for i in of}
-        each = {
-            i: _judged(finished, effects[i], i, worlds[i], others) for i, others in beside.items()
-        }
+        each = {i: _judged(finished, i, ties[i], worlds[i], others) for i, others in beside.items()}
         return sorted((trial.change, i, trial.words) for i, trial in each.items())
 
     while chosen and (worst := judged(chosen)[-1])[0] >= 0.0:
@@ -256,8 +255,8 @@ class _Judged(NamedTuple):
 
 def _judged(
     finished: FinishedSearch,
-    effect: Effect,
     number: int,
+    ties: Sequence[tuple[Rival, float]],
     worlds: Sequence[World],
     others: FloatArray,
 ) -> _Judged:
@@ -268,8 +267,8 @@ def _judged(
     others : ndarray, shape (n,)
         What is foretold of held-out rows by all that would be adopted beside it.
     """
-    itself, term = _as_found(finished, number, others), finished.findings.terms[number]
-    every = _weighed([itself, *_of_rivals(finished, effect, term, itself)])
+    itself = _as_found(finished, number, others)
+    every = _weighed([itself, *_of_ties(finished, ties, itself)])
     every = _weighed([*every, *worlds])
     worst = max(every, key=lambda world: world.weight * world.change)
     likely = "" if worst.words == itself.words else f" (probability {worst.weight:.0%})"
@@ -315,8 +314,6 @@ def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) ->
     """List what may be true instead of an effect, by whatever name, each as likely as that."""
     effect, term = effects[number], finished.findings.terms[number]
     kind = kind_of(effect.kind)
-    tied = {kind_of(rival.family).never_sure for rival in term.rivals if rival.tied}
-    yield from (World(0.0, words) for words in sorted(filter(None, tied)))
     if kind.may_be_instruments(effect):
         if is_of_one_setup(finished, effect):
             yield World(0.0, OF_EITHER)
@@ -344,35 +341,38 @@ def _is_of_a_short_time(effect: Effect) -> bool:
     return effect.valid.to_s - effect.valid.from_s < LONG_MIN * SECONDS_PER_MIN
 
 
-def _of_rivals(
-    finished: FinishedSearch, effect: Effect, term: FoundTerm, itself: World
-) -> Iterator[World]:
-    """List what ties with an effect, by what each would have the table say later.
-
-    What held-out set-ups show, they show of all of these alike.
-    """
+def _ties(
+    finished: FinishedSearch, effect: Effect, term: FoundTerm
+) -> Iterator[tuple[Rival, float]]:
+    """List what ties with an effect, with the share of it that the table would need instead."""
     acts = finished.use & np.isin(finished.rows.channel, term.channels)
     contribution = finished.later(effect)
     weighted = contribution[acts] / np.sum(finished.scatters[acts] ** 2, axis=1)
     size = float(weighted @ contribution[acts])
-    if size <= 0.0:
-        return
-    for rival in term.rivals:
+    if size > 0.0:
+        for rival in term.rivals:
+            if rival.tied:
+                instead = _instead(finished, rival, contribution)
+                yield rival, float(weighted @ instead[acts]) / size
+
+
+def _of_ties(
+    finished: FinishedSearch, ties: Sequence[tuple[Rival, float]], itself: World
+) -> Iterator[World]:
+    """Let held-out set-ups show of all that tie alike what they show of an effect."""
+    for rival, like in ties:
         kind = kind_of(finished.hypotheses[rival.key].kind)
-        if rival.tied and not kind.never_sure:
-            like = float(weighted @ _instead(finished, rival, contribution)[acts]) / size
-            share, error = like * itself.share, abs(like) * itself.error
-            words = (
-                f"{rival.family} explains these observations as well ({kind.text}), and then "
-                f"{share:.2f} of it would be needed later"
-            )
-            weight = float(np.exp(-0.5 * TRUST * max(rival.behind, 0.0)))
-            yield World(share, words, error, weight)
+        share, error = like * itself.share, abs(like) * itself.error
+        words = kind.never_sure or (
+            f"{rival.family} explains these observations as well ({kind.text}), and then "
+            f"{share:.2f} of it would be needed later"
+        )
+        yield World(share, words, error, float(np.exp(-0.5 * TRUST * max(rival.behind, 0.0))))
 
 
 def _instead(finished: FinishedSearch, rival: Rival, contribution: FloatArray) -> FloatArray:
     """Say what a rival would add later, with the constant that it needs to be like the effect."""
-    other = finished.later_of(rival)
+    other = finished.later_with(rival)
     if rival.with_offset:
         for c in np.unique(finished.rows.channel[finished.use & (other != 0.0)]).tolist():
             rows = finished.use & (finished.rows.channel == c)

@@ -281,16 +281,25 @@ class FinishedSearch:
         terms = [_as_at(term, last_s) for term in effect.terms]
         return np.nan_to_num(sum_of_terms(self.residuals.projection, terms), nan=0.0)
 
-    def later_of(self, rival: Rival) -> FloatArray:
-        """Say what a tied rival would add to each row from now on, if it were true, shape (n,).
+    def later_with(self, rival: Rival) -> FloatArray:
+        """Say what a table would need more from now on if a tied rival were true, shape (n,).
 
-        A mistake in the data, once it is corrected, adds nothing.
+        What the rival itself adds, and by how much all other terms are larger beside it. A mistake
+        in the data, once it is corrected, adds nothing.
         """
-        hypothesis, sizes = self.hypotheses[rival.key], rival.amplitudes
+        total = self._later_of(rival.key, rival.theta, rival.amplitudes)
+        for term in (*self.findings.terms, *self.findings.refitted):
+            if (sizes := rival.beside.get(term.place)) is not None:
+                total += self._later_of(term.key, term.theta, sizes)
+                total -= self._later_of(term.key, term.theta, term.amplitudes)
+        return total
+
+    def _later_of(self, key: str, theta: float | None, sizes: FloatArray | None) -> FloatArray:
+        hypothesis = self.hypotheses[key]
         if hypothesis.supposed is not None or sizes is None:
             return np.zeros(len(self.use))
         covariance = np.zeros((sizes.size, sizes.size))
-        return self.later(hypothesis.fitted(Estimate(rival.theta, None, sizes, covariance)))
+        return self.later(hypothesis.fitted(Estimate(theta, None, sizes, covariance)))
 
     def hidden_share(self, effect: Effect) -> float:
         """Say which share of an effect's squares zeros of set-ups hide."""
