@@ -47,7 +47,7 @@ async def furnished(client):
         answer = await client.request(
             request.method, request.url.raw_path.decode(),
             content=with_minus_zeros(request.content.decode()),
-            headers={"Content-Type": "application/json"},
+            headers={"Content-Type": request.headers.get("Content-Type", "application/json")},
         )  # fmt: skip
         return httpx.Response(answer.status_code, headers=answer.headers, content=answer.content)
 
