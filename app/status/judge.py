@@ -47,6 +47,7 @@ from app.thermal.compile_model import NO_SENSOR
 from app.thermal.compiled_model import CompiledModel
 from app.thermal.sensor_health import Health, JudgedRecord, SensorState
 from app.thermal.stated_temperatures import asked_in_fahrenheit
+from app.units import TemperatureUnit
 
 NO_READING_AGES: Final = 10.0
 """After so many times the age at which a temperature is old, there counts as none."""
@@ -420,11 +421,21 @@ def _outside(
 
 
 def _asked_in_fahrenheit(situation: Situation, causes: Sequence[Cause]) -> list[str]:
-    """Ask whether temperatures that lie outside the maps are in another unit."""
+    """Ask whether temperatures that lie outside the maps are in °F, where all fit better so."""
     if not any(c.state in _OUTSIDE or c.state is State.OUTSIDE_MAPS for c in causes):
         return []
-    temperatures_c = [s.temperature_c for s in situation.sensors if s.temperature_c is not None]
-    return [f"{capitalised(question)}." for question in asked_in_fahrenheit(temperatures_c)]
+    temperatures_c = {
+        s.sensor: s.temperature_c for s in situation.sensors if s.temperature_c is not None
+    }
+    to_c = TemperatureUnit.FAHRENHEIT.to_c
+    for group in situation.model.groups:
+        ends_c, stated_c = between_maps_c([group]), temperatures_c.get(group.sensor)
+        if ends_c is None or stated_c is None:
+            continue
+        if abs(outside_k(stated_c, ends_c)) <= abs(outside_k(to_c(stated_c), ends_c)):
+            return []
+    questions = asked_in_fahrenheit([round(t, 1) for t in temperatures_c.values()])
+    return [f"{capitalised(question)}." for question in questions]
 
 
 def _done(one: BeyondMaps) -> str:

@@ -22,7 +22,7 @@ APART_K: Final = 1.0
 """Temperatures that are off by less in all, two of them together, may be so by chance [K]."""
 
 WORKSHOP_F: Final = (50.0, 122.0)
-"""Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C all of them never do."""
+"""Between these a machine's temperatures lie in °F [10 to 50 °C]; in °C hardly ever all of them."""
 
 
 FEWEST_OTHERS: Final = 2

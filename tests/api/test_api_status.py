@@ -68,6 +68,17 @@ async def test_what_may_be_in_fahrenheit_from_the_first_reading_on_is_asked(
     )
 
 
+async def test_a_machine_that_is_hot_indeed_is_not_asked_about(client):
+    """A little beyond maps at 56 °C is nearer to them than 14 °C are."""
+    for label, t_c in (("hot", 51.0), ("hotter", 56.0)):
+        answer = await client.post(f"{ROOM}/error-maps", json=error_map(label, t_c))
+        assert answer.status_code == 201, answer.text
+    await feed(client, reading(START, 57.0))
+    found = await status(client)
+    assert verdict(found) == ("limited", "clamped")
+    assert not [one for one in found["sentences"] if "°F" in one]
+
+
 async def test_a_fresh_machine_between_its_maps_is_trusted(client, clock):
     minutes = [reading(START + timedelta(minutes=m), 25.0 + 0.01 * m) for m in range(31)]
     await feed(client, *minutes[:1])
