@@ -648,7 +648,7 @@ def test_the_sensor_that_is_followed_clamps_it_and_is_refused_where_the_policy_s
     table = table_of([other()], warm)
     assert row_of(table, "EXX").basis.status == "clamped"
     assert table.warnings == ["spindle at 60 °C is outside the maps: EXX held at 'Run #6'"]
-    with pytest.raises(OutsideMaps, match=r"spindle \(EXX\).*got 60 °C"):
+    with pytest.raises(OutsideMaps, match=r"spindle, for EXX: .*got 60 °C"):
         table_of([other()], warm, out_of_range=OutOfRange.REJECT)
 
 

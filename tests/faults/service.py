@@ -6,6 +6,7 @@ it works. `tests/cli` and `tests/hostile` start it as people do.
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import re
@@ -42,10 +43,13 @@ class Program:
         assert self._process.pid is not None
         self.pid = self._process.pid
         self.code: int | None = None
+        # Else Python would wait at its own end for what a failed test has left running.
+        atexit.register(self._end_if_left)
 
     def expect_alive(self) -> None:
         """Raise RuntimeError where it ended by itself."""
-        if (code := self._process.exitcode) is not None:
+        code = self._process.exitcode if self.code is None else self.code
+        if code is not None:
             raise RuntimeError(f"thermap ended by itself with {code}")
 
     def send(self, number: signal.Signals) -> None:
@@ -62,6 +66,10 @@ class Program:
             self.code = self._process.exitcode
             self._process.close()
         return self.code
+
+    def _end_if_left(self) -> None:
+        if self.code is None and self._process.exitcode is None:
+            self.end()
 
     def end(self, number: signal.Signals = signal.SIGKILL) -> int:
         """Send a signal, wait, and give the exit code."""
