@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from app.effects.driver import Driver, Quantity
-from app.effects.term import Term
-from app.effects.valid import LearntIn, Range, Valid
+from app.effects.term import StoredTerm, Term
+from app.effects.valid import LearntIn, Range, StoredValid, complete
 from app.errors import InvalidContent, list_names
 
 LEARNT: Final[TypeAdapter[LearntIn | None]] = TypeAdapter(LearntIn | None)
@@ -37,8 +37,8 @@ class Provenance:
     """
 
     found_by: int
-    refitted_by: tuple[int, ...] = ()
-    verifications: tuple[int, ...] = ()
+    refitted_by: tuple[int, ...]
+    verifications: tuple[int, ...]
 
     def refitted(self, analysis: int, verifications: Iterable[int]) -> Provenance:
         """Say that an analysis has fitted it anew."""
@@ -71,8 +71,8 @@ class Effect:
     variant: str = ""
     parameters: Mapping[str, float] = field(default_factory=dict)
     standard_errors: Mapping[str, float] = field(default_factory=dict)
-    terms: tuple[Term, ...] = ()
-    valid: Valid | None = None
+    terms: tuple[StoredTerm, ...] = ()
+    valid: StoredValid | None = None
     provenance: Provenance | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -109,7 +109,13 @@ class Effect:
         return written
 
 
-EFFECT: Final = TypeAdapter(Effect)
+EFFECT: Final[TypeAdapter[Effect]] = TypeAdapter(
+    Annotated[
+        Effect,
+        complete("kind", "components", "sensors", "parameters", "standard_errors", "terms"),
+    ]
+)
+"""Effects of older versions have no variant, states, ranges or provenance."""
 
 
 def _stored_or_effect(stored: Any) -> Effect:

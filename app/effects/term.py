@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator
@@ -23,7 +23,7 @@ from app.effects.shape import (
     Places,
     Shape,
 )
-from app.effects.valid import Range, Valid
+from app.effects.valid import Range, Valid, complete
 from app.errors import InvalidContent, list_names
 from app.geometry.components import COMPONENTS
 from app.thermal.compiled_model import CompiledModel
@@ -181,3 +181,9 @@ class Term:
             return []
         other = [self.shape.sensor] if isinstance(self.shape, Exchange) else []
         return [located[0].sensor, *other]
+
+
+StoredTerm: TypeAlias = Annotated[
+    Term, complete("component", "driver", "shape", "coefficient", "reversing")
+]
+"""Terms of older versions have no `learnt`."""

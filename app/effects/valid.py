@@ -10,10 +10,11 @@ from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Annotated, Final, TypeAlias, cast
+from typing import Annotated, Any, Final, TypeAlias, cast
 
 import numpy as np
-from pydantic import Field, PlainSerializer, PlainValidator
+from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, ValidationError
+from pydantic_core import InitErrorDetails
 
 from app.answer import Answer
 from app.answer import Range as AnsweredRange
@@ -41,6 +42,21 @@ def _iso(time_s: float) -> str:
 
 def _seconds(stored: str) -> float:
     return datetime.fromisoformat(stored).timestamp()
+
+
+def complete(*names: str) -> Any:
+    """Refuse what is stored without fields that every version wrote, whatever their defaults."""
+
+    def check(stored: Any) -> Any:
+        missing = [name for name in names if isinstance(stored, Mapping) and name not in stored]
+        if missing:
+            lines: list[InitErrorDetails] = [
+                {"type": "missing", "loc": (name,), "input": None} for name in missing
+            ]
+            raise ValidationError.from_exception_data("missing", lines)
+        return stored
+
+    return BeforeValidator(check)
 
 
 Time: TypeAlias = Annotated[float, PlainValidator(_seconds), PlainSerializer(_iso, str)]
@@ -123,6 +139,12 @@ class Valid:
             if self.use_until_s is None
             else datetime.fromtimestamp(self.use_until_s, UTC),
         )
+
+
+StoredValid: TypeAlias = Annotated[
+    Valid, complete("from", "to", "temperatures_c", "state", "positions_mm", "use_until")
+]
+"""Those of older versions have no `continued_until`."""
 
 
 @dataclass(frozen=True, slots=True)
