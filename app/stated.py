@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
-from unicodedata import normalize
 
 from pydantic import (
     AfterValidator,
@@ -97,11 +96,6 @@ def _no_control_characters(text: str) -> str:
     return text
 
 
-def _composed(text: str) -> str:
-    """Write letters with accents in their one composed form: both forms look the same."""
-    return normalize("NFC", text)
-
-
 def _fits_in_a_database(value: int) -> int:
     if not -(2**63) <= value < 2**63:
         raise ValueError("a whole number of at most 64 bits")
@@ -152,7 +146,6 @@ Name = Annotated[
     str,
     StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
     AfterValidator(_no_control_characters),
-    AfterValidator(_composed),
 ]
 """A name of 1 to 200 characters."""
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import codecs
 import re
 from typing import Final
-from unicodedata import normalize
 
 UNREADABLE: Final = "\N{REPLACEMENT CHARACTER}"
 
@@ -31,17 +30,13 @@ _NO_WORD: Final = re.compile("[\u0080-\u00ff\u0152-\u0192]{4,}")
 def decoded(content: bytes) -> str:
     r"""Read a text in UTF-8 or UTF-16, or in the code page that it is most likely in.
 
-    Letters that nobody can tell are `UNREADABLE`; those with accents are composed, as in names.
+    Letters that nobody can tell are `UNREADABLE`.
 
     >>> decoded("Müller, Größe".encode("cp1252")), decoded("X轴补偿前".encode("gbk"))
     ('Müller, Größe', 'X轴补偿前')
     >>> decoded("X軸補正前".encode("cp932")), decoded("Проверка".encode("cp1251"))
     ('X軸補正前', '\ufffd\ufffd\ufffd\ufffd\ufffd\ufffd\ufffd\ufffd')
     """
-    return normalize("NFC", _decoded(content))
-
-
-def _decoded(content: bytes) -> str:
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16", errors="replace")
     try:

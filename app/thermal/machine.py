@@ -108,9 +108,9 @@ _A_YEAR_S = 366 * 86_400
 class Sensor(Answer, published_as="SensorSchema", stated=True):
     """A temperature sensor and what is physically believable of it."""
 
-    name: Annotated[Name, Field(examples=["x-middle"])]
+    name: Annotated[str, Field(examples=["x-middle"])]
     """Name of the sensor"""
-    stand_in: Annotated[Name | None, Field(examples=["y-front"])] = None
+    stand_in: Annotated[str | None, Field(examples=["y-front"])] = None
     """Sensor whose own temperatures serve when this one fails; x-middle has y-front where nothing
     is stated"""
     min_c: Annotated[Number, Field(ge=-273.15)] = -50.0

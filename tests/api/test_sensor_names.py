@@ -4,7 +4,7 @@ from unicodedata import normalize
 
 import pytest
 
-from tests.service_examples import START, client_of, iso, running
+from tests.service_examples import START, client_of, iso, problem, running
 
 SENSORS = ["Bett vorne", "Säule", "Wärme Spindel"]
 MACHINE = {
@@ -49,21 +49,34 @@ async def test_sensors_with_letters_of_any_language(sqlite_url):
 
 
 @pytest.mark.anyio
-async def test_letters_and_their_accents_are_one_name_however_they_are_written(sqlite_url):
-    """As a Mac writes them, and with blanks that nobody sees: no second map under the same name."""
-    apart = MACHINE | {"sensors": [{"name": f" {normalize('NFD', name)} "} for name in SENSORS]}
+async def test_a_sensor_whose_accents_stand_apart_from_their_letters_is_refused(sqlite_url):
+    apart = MACHINE | {"sensors": [{"name": normalize("NFD", "Säule")}]}
     with running(sqlite_url) as service:
         async with client_of(service) as client:
-            made = (await client.post("/v1/machines", json=apart)).json()
-            assert [sensor["name"] for sensor in made["sensors"]] == SENSORS
-            content = map_file("Lauf früh", 20)
-            for form, status in (("NFC", 201), ("NFD", 200)):
-                answer = await client.post(
-                    "/v1/machines/vmc/files",
-                    params={"name": "map.csv"},
-                    content=normalize(form, content).encode(),
-                    headers={"content-type": "text/csv"},
-                )
-                assert answer.status_code == status, answer.text
-            (stored,) = (await client.get("/v1/machines/vmc/error-maps")).json()
-            assert stored["label"] == "Lauf früh"
+            answer = await client.post("/v1/machines", json=apart)
+            (wrong,) = problem(answer, 422)["errors"]
+            assert wrong["field"] == "sensors"
+
+
+@pytest.mark.anyio
+async def test_labels_are_stored_as_they_are_written(sqlite_url):
+    """So any version knows again what an older one stored; a Mac writes accents apart."""
+    label = normalize("NFD", "Lauf früh")
+    check = f"time,component,position_mm,measured_um\n{iso(START)},EXX,250,4.3\n"
+    with running(sqlite_url) as service:
+        async with client_of(service) as client:
+            assert (await client.post("/v1/machines", json=MACHINE)).status_code == 201
+            for kind, file, stored_as in (
+                ("map", map_file(label, 20), "error-maps"),
+                ("check", check, "verifications"),
+            ):
+                for status in (201, 200):
+                    answer = await client.post(
+                        "/v1/machines/vmc/files",
+                        params={"name": f"{label}.csv", "kind": kind},
+                        content=file.encode(),
+                        headers={"content-type": "text/csv"},
+                    )
+                    assert answer.status_code == status, answer.text
+                (stored,) = (await client.get(f"/v1/machines/vmc/{stored_as}")).json()
+                assert stored["label"] == label
