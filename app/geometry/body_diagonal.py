@@ -128,6 +128,8 @@ def extreme_displacements(
         inside = _turns_of_cubics(along)
         turns = ends[:-1, None] + np.diff(ends)[:, None] * inside
         shares = np.concatenate([ends, turns[np.isfinite(turns)]])
+        # In order along the way: displacements count from the first point, which has to be the
+        # start.
         errors_um, _ = field.at(start + np.sort(shares)[:, None] * (end - start), tool_offset_mm)
         displacements[diagonal] = displacement_along(errors_um, end - start)
     return displacements

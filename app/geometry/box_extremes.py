@@ -114,6 +114,7 @@ def box_extremes(
     # Slabs of an even number of steps: along a coordinate of degree 2 ends and middles take turns,
     # and a slab has to begin and end with an end.
     step += step % 2
+    # Neighbouring slabs share a face (+ 1 below): else the cells between them would be in neither.
     for start in range(0, max(coordinates[0].size - 1, 1), step):
         search.look([coordinates[0][start : start + step + 1], *coordinates[1:]])
     search.refine()
@@ -169,6 +170,8 @@ class _Search:
             if not len(self._cells):
                 return
             cells = _halved(self._cells, self._curved)
+            # The whole cells' bounds are dropped: each half has coefficients of its own, which lie
+            # nearer to the values.
             self._cells, self._bounds = cells[:0], self._bounds[:0]
             per_cell = math.prod(degree + 1 for degree in self._degrees)
             for part in np.array_split(cells, -(-len(cells) * per_cell // POINTS_AT_ONCE)):
@@ -194,6 +197,8 @@ class _Search:
         points = low + shares * (high - low)
         values = self._attain(points.reshape(-1, 3))
         sizes = [side.size for side in sides]
+        # Coefficients are formed along the first three dimensions: all cells go into the last one,
+        # beside the components, and are turned at once.
         nets = np.moveaxis(values.reshape(-1, *sizes, 3), 0, -1).reshape(*sizes, -1)
         nets = bernstein_coefficients(nets, self._degrees).reshape(*sizes, 3, len(cells))
         bounds = _watched(np.moveaxis(nets, -1, 0)).max(axis=(1, 2, 3))
@@ -213,6 +218,8 @@ class _Search:
         return slack
 
     def _keep(self, cells: FloatArray, bounds: FloatArray) -> None:
+        # A cell may go only where none of the seven can gain in it: the length can be largest where
+        # no component is.
         may = (bounds > self._best + self._slack()).any(axis=1)
         self._cells = np.concatenate([self._cells, cells[may]])
         self._bounds = np.concatenate([self._bounds, bounds[may]])
@@ -221,6 +228,8 @@ class _Search:
 
     def _prune(self) -> None:
         """Forget cells that hold nothing more; of too many, those that can hold least."""
+        # `_best` has risen since these cells were taken in, so that some of them are settled by
+        # now.
         beyond = (self._bounds - self._best - self._slack()).max(axis=1)
         open_cells = beyond > 0.0
         if np.count_nonzero(open_cells) > MOST_CELLS:

@@ -219,6 +219,7 @@ def _folded(
     positions, values = straightness or (np.empty(0), np.zeros((1, 1)))
     low, high = ends_mm
     inside = positions[(positions >= low) & (positions <= high)]
+    # With the volume's ends: there a table holds its end value, while squareness goes on to grow.
     nodes: FloatArray = np.union1d(ends_mm, inside)
     at_nodes = np.interp(nodes, positions, values[0]) if positions.size > 1 else values[0, 0]
     return Table(nodes, at_nodes + um_from_urad_mm(squareness) * nodes)

@@ -99,6 +99,7 @@ class ErrorField:
                 "tables", f"expected one number of thermal states, got {sorted(counts)}"
             )
         states = counts.pop() if counts else None
+        # Views without a copy: a component that is the same in all states is stored once.
         shared = {
             code: (positions, np.broadcast_to(values, (states or 1, values.shape[-1])))
             for code, (positions, values) in checked.items()
@@ -115,6 +116,8 @@ class ErrorField:
     ) -> ErrorField:
         axes = {axis: packed for axis in chain.axes if (packed := _axis_table(axis, tables))}
         squareness = tuple(
+            # The first value of every table, also of those over positions: `squareness_of` takes
+            # only the codes that have no axis.
             squareness_of({code: float(values[state, 0]) for code, (_, values) in tables.items()})
             for state in range(states or 1)
         )

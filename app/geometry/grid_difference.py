@@ -181,6 +181,8 @@ def _boxes(pieces: Coordinates) -> list[Coordinates]:
     """Halve until few enough points are left; neighbours share their common face."""
     sizes = [coordinates.size for coordinates in pieces]
     widest = int(np.argmax(sizes))
+    # An even index: along a coordinate of degree 2 the ends of pieces have even ones, and a middle
+    # must not become an end.
     middle = (sizes[widest] // 4) * 2
     if np.prod(sizes) <= POINTS_AT_ONCE or sizes[widest] < 5:
         return [pieces]
@@ -209,6 +211,7 @@ def _collect(
         ends = np.append(starts[1:], coordinates.size - 1)
         # A node belongs to the cells on both its sides.
         bounds = np.maximum(np.maximum.reduceat(bounds, starts, axis=i), bounds.take(ends, axis=i))
+        # A box may begin inside a cell, where it was halved: the cell is then raised by two boxes.
         first = int(place_in_cells(nodes, coordinates[:1])[0][0])
         cells.append(slice(first, first + starts.size))
     here = tuple(cells)

@@ -166,6 +166,7 @@ def _left_by_axis(
         coordinates = [*across]
         coordinates[i] = cut(nodes, field.nodes_mm(LINEAR_LETTERS[i]), degrees[i])
         errors = errors_on(field, tuple(coordinates), tool)
+        # `cut` keeps the nodes to the last bit, so that the search meets each of them exactly.
         at_nodes = errors.take(np.searchsorted(coordinates[i], nodes), axis=i)
         difference = interpolate_along(at_nodes, i, nodes, coordinates[i]) - errors
         bound = with_length(bernstein_coefficients(difference, degrees))[..., 3].max()
@@ -271,6 +272,8 @@ def _coarsened(
     while changed:
         changed = False
         for i, counts in enumerate(possible):
+            # From the fewest on, none left out: what a grid leaves need not fall with every
+            # interval more.
             for fewer in counts[counts < spacing.intervals[i]]:
                 x, y, z = (int(fewer) if i == j else n for j, n in enumerate(spacing.intervals))
                 trial = judge((x, y, z))

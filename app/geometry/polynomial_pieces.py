@@ -39,6 +39,8 @@ def degree_along(field: ErrorField, axis: str) -> int:
             is_arm = axis in field.chain.acts_on(component.axis)
             from_line = component.times is None and axis in field.measuring_lines
             turns_itself = component.axis == axis and not from_line
+            # u · ω(u) is a parabola only where ω changes along u: a single value makes it a
+            # straight line.
             if is_arm and ((turns_itself and positions.size > 1) or component.times == axis):
                 return 2
     return 1

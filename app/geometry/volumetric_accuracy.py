@@ -188,6 +188,8 @@ def _straightness(field: ErrorField, volume: WorkVolume, code: str) -> float:
     wanted = COMPONENTS[code]
 
     def belongs(component: Component) -> bool:
+        # E_x(y) has SXY·y in it (8.58–8.60): the squareness that grows with the same coordinate,
+        # and below displaces in the same direction.
         squareness = component.axis is None and component.times == wanted.axis
         return component.direction == wanted.direction and (component.code == code or squareness)
 

@@ -261,6 +261,8 @@ def _along_and_beside(
             from_mm = 0.0 if line is None else line.point_mm[i]
             added = slopes * (points_m[i] - from_mm / MM_PER_M)
             grown = added if grown is None else grown + added
+    # Added before they meet the lever arm, which is the same for both: each cross product goes over
+    # all points.
     if line is None and along is not None and grown is not None:
         return along + grown, None
     return along, grown
@@ -275,6 +277,8 @@ def _from_line(arm: Arm, axis: str, line: MeasuringLine | None) -> Arm:
         return arm
     shifted: Arm = []
     for i, lever in enumerate(arm):
+        # T is an arm of every axis and is added for all of them at once (`sum_over_axes`): here
+        # T_line is taken off, also along coordinates on which the axis does not act.
         distance: Values = -line.tool_offset_mm[i] / MM_PER_M
         if lever is not None and LINEAR_LETTERS[i] != axis:
             distance = lever - line.point_mm[i] / MM_PER_M + distance
