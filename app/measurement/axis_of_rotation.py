@@ -81,6 +81,7 @@ class AxisFit:
             Of that crossing and of the tilts.
         """
         tilt, other = self.tilts_rad
+        # The direction's first two coordinates over its third: how far the axis moves aside per mm.
         slope = np.array([np.tan(other), -np.tan(tilt) / np.cos(other)])
         change = np.eye(len(self.cofactor))
         # The derivatives of −height · slope by both tilts: an axis that is known well at the ball
@@ -161,6 +162,8 @@ def fit_axis(points_mm: FloatArray, angles_rad: FloatArray) -> AxisFit:
     ([1.0, 2.0], [0.0003, -0.0002])
     """
     mean = points_mm.mean(axis=0)
+    # About the points' middle: an axis that is placed far from the ball trades position for tilt,
+    # and large coordinates lose digits.
     centred = points_mm - mean
     first = fit_position(centred, angles_rad, np.zeros(angles_rad.size))
     # A tilt [rad] moves the ball by its arm [mm]: so scaled, all unknowns act alike.
@@ -179,6 +182,8 @@ def fit_axis(points_mm: FloatArray, angles_rad: FloatArray) -> AxisFit:
         misfit, guess, slopes, method="lm", x_scale=size,
         xtol=_FINEST, ftol=_FINEST, gtol=_FINEST, max_nfev=_MOST_TRIES,
     )  # fmt: skip
+    # `_cofactor` compares singular values with each other: columns in mm and in rad have to be made
+    # alike first.
     scaled = _slopes(solution.x, angles_rad) * size
     cofactor = _cofactor(scaled) * np.outer(size, size)
     return AxisFit(

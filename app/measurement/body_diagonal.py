@@ -169,6 +169,7 @@ def _repeatability(runs: Mapping[str, DiagonalRuns]) -> tuple[float | None, int]
             rest = direction - direction.mean(axis=1, keepdims=True)
             rest = rest - rest.mean(axis=0, keepdims=True) if len(rest) else rest
             squares += float((rest**2).sum())
+            # Two means are out, of each run and of each position: (runs − 1)(positions − 1).
             freedom += max(len(rest) - 1, 0) * (rest.shape[1] - 1)
     # Runs of a coarse scale that do not differ at all do not show their noise.
     if not freedom or squares <= freedom * ROUNDING_UM**2:
@@ -186,6 +187,7 @@ def _squareness(
     solution = np.linalg.inv(shares)
     variance = None
     if noise is not None:
+        # No two diagonals share a reading: their variances add.
         spread = np.array([runs[name].stretch_spread_per_m for name in DIAGONALS])
         variance = noise**2 * (solution**2 @ spread**2)
     values = solution @ stretched
@@ -226,6 +228,8 @@ def _rotations(chain: Chain | None) -> list[str]:
             errors_um, _ = volumetric_error(chain, unit, np.stack([start, end]))
             stretched.append((errors_um[1] - errors_um[0]) @ (end - start) / box.diagonal_mm)
         solution = np.linalg.solve(_shares(box), np.array(stretched) * MM_PER_M / box.diagonal_mm)
+        # A rotation with one arm displaces as a squareness of ± its own size; along two arms its
+        # parts cancel on a diagonal. So all are 0 or ±1, but for rounding.
         for row, sign in enumerate(solution[1:].round().tolist()):
             if sign:
                 sums[row] += f" {'+' if sign > 0 else '−'} {component.code}"

@@ -132,6 +132,8 @@ def evaluate_drilled_plate(
     spread = as_standard_deviation("repeatability_um", repeatability_um, "µm")
     origin = None if origin_mm is None else as_point("origin_mm", origin_mm)
     tool = as_point("tool_offset_mm", tool_offset_mm)
+    # Enlarged about the coordinate machine's zero, wherever that is: what it shifts the plate by
+    # goes out with the rigid motion.
     rigid = take_out_rigid_motion(nominal, measured * (1 + growth / (UM_PER_MM * MM_PER_M)))
     grid = fit_rows_and_columns(nominal, rigid.errors_um)
     affine = fit_scale_and_squareness(nominal, rigid.errors_um, grid, spread)

@@ -159,6 +159,8 @@ def fit_rows_and_columns(nominal_mm: FloatArray, errors_um: FloatArray) -> GridF
     # Columns and rows that do not hang together would each have a zero of their own.
     if np.linalg.matrix_rank(design) < columns.size + rows.size - 1:
         return None
+    # A constant can go from all columns to all rows, so that the rank is one less: some share of it
+    # is taken here, and `_centred` takes it out of both.
     inverse = np.linalg.pinv(design).astype(np.float64)
     residuals = errors_um[holes] - design @ (inverse @ errors_um[holes])
     freedom = holes.size - (columns.size + rows.size - 1)
@@ -247,6 +249,8 @@ def fit_scale_and_squareness(
     inverse = np.linalg.pinv(centred)
     slopes = (inverse @ errors_um).T
     residuals = errors_um - centred @ slopes.T
+    # Of each coordinate: two slopes, and the shift that went with the rigid motion, whose rotation
+    # is in the slopes.
     freedom = len(nominal_mm) - 3
     noise = np.full(2, math.nan if repeatability_um is None else repeatability_um)
     if grid is not None:

@@ -255,6 +255,7 @@ def drift_of(runs: Mapping[str, FloatArray]) -> tuple[float, float] | None:
     if len({len(readings) for readings in runs.values()}) > 1:
         return None
     means = np.mean([readings.mean(axis=1) for readings in runs.values()], axis=0)
+    # Two runs always lie on a line: nothing is left that tells a drift from chance.
     if means.size < 3 or np.ptp(means) == 0:
         return float(means[-1] - means[0]), 1.0
     from scipy.stats import linregress  # takes half a second to import
@@ -269,6 +270,7 @@ def _figures_of(ways: list[RunMeans], suffix: str) -> dict[str, float]:
     figures = {f"E{suffix}_um": float(np.ptp(means))}
     spreads = [way.standard_deviation for way in ways if way.standard_deviation is not None]
     if len(spreads) == len(ways):
+        # ISO 230-2: A = max(mean + 2 s) − min(mean − 2 s), over all directions that are given.
         band = COVER * np.array(spreads)
         figures[f"A{suffix}_um"] = float((means + band).max() - (means - band).min())
         if len(ways) == 1:
@@ -293,6 +295,7 @@ def _scatter(ways: Mapping[str, RunMeans], runs: Mapping[str, FloatArray]) -> di
     if drift is not None:
         figures["drift_um"] = drift[0]
     if len(scatters) == 2 and ways["forward"].runs == ways["backward"].runs:
+        # Run by run: what shifts both directions of a run is not in B, and so not in its scatter.
         of_runs = (runs["forward"] - runs["backward"]).mean(axis=1)
         standard_error = float(of_runs.std(ddof=1)) / math.sqrt(of_runs.size)
         figures["B_mean_standard_error_um"] = standard_error

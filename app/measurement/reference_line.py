@@ -40,6 +40,8 @@ def line_through(positions_mm: FloatArray, line: str) -> FloatArray:
     >>> (line_through(np.array([0.0, 1.0, 2.0]), "end-points") @ [0.0, 5.0, 4.0]).tolist()
     [0.0, 2.0, 4.0]
     """
+    # About the middle and by the length: with positions in mm far from 0 the two columns would be
+    # nearly parallel.
     centred = (positions_mm - positions_mm.mean()) / np.ptp(positions_mm)
     design = np.column_stack([np.ones(centred.size), centred])
     if line == "least-squares":

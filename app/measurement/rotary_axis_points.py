@@ -99,6 +99,8 @@ def number_places(angles_deg: FloatArray) -> FloatArray:
     numbers = np.zeros(turned.size)
     first, number = -math.inf, -1
     for i in np.argsort(turned, kind="stable"):
+        # From the first angle of a place, not from the one before: small gaps would else chain
+        # different angles into one place.
         if turned[i] - first > SAME_ANGLE_DEG:
             first, number = turned[i], number + 1
         numbers[i] = number
@@ -256,6 +258,7 @@ def _perhaps(letter: str, points_mm: FloatArray, angles_rad: FloatArray, places:
     following, previous = _AFTER[letter], _AFTER[_AFTER[letter]]
     others = [
         ("the angles run the other way (positive by the right-hand rule)", points_mm, -angles_rad),
+        # Taken for degrees they were turned into radians once too often.
         ("the angles are in rad", points_mm, np.rad2deg(angles_rad)),
         (f"it is the {following.upper()} axis", forward, angles_rad),
         (f"it is the {previous.upper()} axis", backward, angles_rad),

@@ -193,4 +193,5 @@ def alike_by_chance(variances: FloatArray, freedom: int) -> float:
     """
     m = variances.size
     apart = m * freedom * (np.log(variances.mean()) - np.log(variances).mean())
+    # Bartlett's 1 + (Σ 1/f − 1/Σ f) / (3 (m − 1)) of samples that all have the same f.
     return float(chdtrc(m - 1, apart / (1.0 + (m + 1) / (3.0 * m * freedom))))

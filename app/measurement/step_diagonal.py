@@ -185,6 +185,7 @@ def _seen_of(
         offsets = offsets - since + along
     errors_um, _ = field.at(positions.reshape(-1, 3), offsets.reshape(-1, 3))
     along_um = np.einsum("djv,dv->dj", errors_um.reshape(positions.shape), walk.rays)
+    # The laser was set to zero at the start: what the machine errs there, no reading has.
     seen: FloatArray = (along_um - along_um[:, :1])[:, 1:]
     return seen.reshape(len(walk.diagonals), walk.steps, 3)
 
@@ -200,6 +201,8 @@ def _tables(
     moved = np.einsum("vd,dui->uvi", solution, increments)
     errors = np.pad(moved.cumsum(axis=2), ((0, 0), (0, 0), (1, 0)))
     nodes = np.arange(walk.steps + 1.0)
+    # In steps, not mm: the operator that takes a line out does not depend on the unit. Slopes do,
+    # and are divided by the step below.
     rest = without_line(nodes, line)
     tables = []
     for u, axis in enumerate(LINEAR_LETTERS):
@@ -253,6 +256,7 @@ def _figures(
 ) -> dict[str, float]:
     """Say how good the measurement is; figures that it cannot give are left out."""
     # The mean of all diagonals' ends: scales weighted with the squares of the steps.
+    # Of nine tables, three for each axis, every fourth is the displacement: EXX, EYY, EZZ.
     end_errors = np.array([tables[4 * u].errors[-1] for u in range(3)])
     scale = walk.step_mm @ end_errors / (walk.steps * (walk.step_mm @ walk.step_mm)) * MM_PER_M
     freedom = noise.degrees_of_freedom

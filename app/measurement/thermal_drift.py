@@ -311,6 +311,7 @@ def _tables(
             return
         values = [course.at(time_s) for course in courses[name]]
         variances = [v for c in courses[name] if (v := c.variance_at(time_s)) is not None]
+        # A covariance of some positions alone would let the others pass for exact.
         complete = len(variances) == len(values)
         yield ComponentTable(
             component,
