@@ -228,6 +228,7 @@ def _is_white(rows: Rows, alike: Sequence[_ChannelScatter]) -> bool:
     residuals = np.concatenate([channel.residuals for channel in alike])
     group = rows.channel[index] * (1 + int(rows.block.max())) + rows.block[index]
     orders = [rows.minutes, *rows.tilt.T]
+    # Always the same orders: the same values have to get the same answer.
     random = np.random.default_rng(0)
     mixed = [_resemblance(residuals, group, random.random(len(residuals))) for _ in range(SHUFFLES)]
     limit = float(np.mean(mixed) + WHITE * np.std(mixed))

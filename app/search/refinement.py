@@ -225,6 +225,8 @@ def _width(
         at = place + side * step
         if not bounds[0] <= at <= bounds[1]:
             return float("inf")
+        # Rounding can leave no drop, or a gain, where the likelihood is flat; the step that follows
+        # is clipped below.
         drop = max(loss(at), 1e-12)
         guess = step * float(np.sqrt(CURVATURE_STEP / drop))
         if 0.1 < drop < 1.5:

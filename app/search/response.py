@@ -443,6 +443,8 @@ class Fitted:
             wander = noise.covariance(course.times_min, is_zeroed=course.is_zeroed)
             variance = np.mean(foretold.learnt**2 + np.diag(wander))
             surprise.append(np.mean((course.values - foretold.mean) ** 2) / variance)
+        # What the scale mixture of Student's t expects of a precision after one deviation of this
+        # square, in units of its variance.
         weights = (FREEDOM + 1.0) / (FREEDOM + np.array(surprise))
         return replace(response, weights=weights)
 

@@ -37,6 +37,7 @@ def inverse_roots(gram: FloatArray, floor: FloatArray) -> tuple[FloatArray, Floa
         return root, keep[:, 0, 0].astype(np.float64)
     values, vectors = _of_two(gram) if gram.shape[-1] == 2 else _of_many(gram)
     keep = values > floor[:, None]
+    # `where` computes both sides: the inner one keeps what is dropped from making a NaN.
     scale = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
     return vectors * scale[:, None, :], keep.sum(axis=1).astype(np.float64)
 

@@ -212,6 +212,8 @@ class State:
         with_nuisance, reduced, square = self._products_of_values()
         self.levels = self._levels(*self._products_of_nuisance())
         self.shadow = self.levels.shadow(with_nuisance, reduced)
+        # A difference: where nearly all is explained its digits are gone, and it may be below 0.
+        # `scatter` has a floor for that.
         self.rss = square - np.sum(self.shadow**2, axis=(1, 2))
 
     @property
@@ -290,6 +292,7 @@ class State:
     @cached_property
     def handicap(self) -> FloatArray:
         """What each level's constant is behind the largest, as a factor of scatter, shape (L,)."""
+        # Of a level that is far behind it is infinite: such a one is never the smallest.
         with np.errstate(over="ignore"):
             ratios: FloatArray = np.exp(
                 2.0 * (self.levels.constant.max() - self.levels.constant) / self.freedom

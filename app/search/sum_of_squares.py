@@ -59,6 +59,8 @@ def surprise_of_squares(
     for weight, scale in zip(weights / weights.sum(), _scales(freedom), strict=True):
         level = noise * float(scale)
         columns = np.hstack([np.sqrt(level) * spread, others])
+        # C C', of n values, has the eigenvalues of the smaller C'C and zeros else; of more columns
+        # than values the n largest are all.
         shared = np.linalg.eigvalsh(columns.T @ columns)[::-1][:count].clip(min=0.0)
         variances = np.append(level + shared, level)
         counts = np.append(np.ones(len(shared)), max(count - len(shared), 0))
