@@ -58,6 +58,8 @@ class CarriedPast:
         with self._lock:
             new = [r for r in readings if r.time.timestamp() not in self._known]
             if self._waiting is not None:
+                # Noted, and taken in below all the same: until it is rebuilt, tables go on with
+                # what there is.
                 self._waiting.extend(new)
             if new:
                 self._take(before, sorted(new, key=lambda reading: reading.time))
@@ -71,6 +73,7 @@ class CarriedPast:
             Reads the latest stored ones, back over `record_s`, in order of time.
         """
         with self._restoring:
+            # Another thread may have rebuilt it while this one waited.
             if not self.is_behind:
                 return
             with self._lock:

@@ -42,6 +42,7 @@ class DatabaseWatch:
     @property
     def trouble(self) -> Trouble | None:
         """What is the matter now, None as long as all is well."""
+        # Read a single time: the answer may come between two looks.
         pending = self._asked
         if self._known is None and pending is not None and monotonic() - pending[0] > SILENCE_S:
             return Trouble(TroubleKind.SILENT, pending[1])

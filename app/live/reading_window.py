@@ -166,6 +166,8 @@ class ReadingWindow:
         """Judge every value of every sensor."""
         readings = self.held.used
         judged = self._judged
+        # By identity, since neither is ever changed in place. Without a lock: of two threads that
+        # judge at once each has a whole record.
         if judged is None or judged[0] is not readings or judged[1] is not machine:
             history = TemperatureHistory.of_readings(
                 machine.sensors, [(r.time.timestamp(), r.temperatures_c) for r in readings]

@@ -103,6 +103,7 @@ class LiveMachine:
             else:
                 # Some of them may have been withdrawn since, or some of those here.
                 self.is_behind = True
+        # After the lock was given back: `note_values` takes another, and no thread has both.
         if without := self.without_value:
             latest = {n: r.time for r in arrived.readings for n in r.temperatures_c if n in without}
             self.note_values([name for name, time in latest.items() if time >= without[name]], {})
@@ -135,6 +136,8 @@ class LiveMachine:
 
         A comparison, except when there is something to do; it asks no database.
         """
+        # Asked without the lock, as `held` is replaced whole: a second thread finds nothing left to
+        # do.
         if not self.readings.held.is_as_of(until):
             with self._lock:
                 self._take((), until)
@@ -151,6 +154,7 @@ class LiveMachine:
         """Note what arrives while the database is being read."""
         noted: list[Arrived] = []
         with self._lock:
+            # By identity: two may read at the same time, and their empty lists are equal.
             self._notes[id(noted)] = noted
         try:
             yield noted
@@ -211,6 +215,7 @@ class LiveRegistry:
         """Say in which shape each machine is in memory: birth, revision and withdrawals."""
         return {
             machine_id: (*m.current.stamp, m.withdrawals)
+            # A copy in one step: machines come and go in other threads.
             for machine_id, m in list(self._machines.items())
         }
 

@@ -95,4 +95,5 @@ def _exit_with_service() -> None:
     service = parent_process()
     if service is not None:
         service.join()
+        # An exception, as `sys.exit` raises it, would end this thread alone.
         os._exit(1)

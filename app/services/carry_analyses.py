@@ -56,6 +56,8 @@ STOP_S: Final = 10.0
 Looked: TypeAlias = Callable[[bool], None]
 """Called after each look at the queue: whether the database answered."""
 
+# Not by fork: the copy would have the locks of threads that it lacks, and the connections to the
+# database of this process.
 _SPAWN: Final = multiprocessing.get_context("spawn")
 
 
@@ -73,6 +75,8 @@ class AnalysisCarrier:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._stop = Event()
+        # Counted rather than a flag: each thread that follows a job has to see it, and none may
+        # take it away from the others.
         self._looks = 0
 
     def look(self) -> None:
@@ -176,6 +180,8 @@ class AnalysisCarrier:
                 return
             except StorageUnavailable as error:
                 log.warning("analysis %d waits to be stored: %s", analysis_id, error.detail)
+                # The result is lost: nobody beats for it any more, so that it is given up and run
+                # again.
                 if self._stop.wait(HEARTBEAT_S):
                     return
 

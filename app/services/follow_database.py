@@ -173,6 +173,7 @@ class DatabaseFollower(Background):
             self._context.database.note_log_change()
         machines = {item.machine_id for item in news if item.kind is NewsKind.MACHINE}
         touched = machines | {item.machine_id for item in news if item.kind is NewsKind.READINGS}
+        # Before the first look at everything nobody knows from which number on to read.
         if self._unseen is None or not touched:
             live.database.note_answer()
         else:

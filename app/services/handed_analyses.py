@@ -162,6 +162,9 @@ class HandedAnalyses:
         """Give up what others ran and no longer run, and hand out what nobody has."""
         while True:
             try:
+                # In this order: what is given up waits again, its old job is ended, and then it is
+                # seen to have none. In threads, as the workers' signs of life are sent by this
+                # loop.
                 await asyncio.to_thread(self._abandoned.look)
                 await self._end_stalled(app)
                 await self._hand_out_forgotten(app)

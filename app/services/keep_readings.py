@@ -91,6 +91,7 @@ class ReadingThinner:
         thinning = self._reached.get(machine_id)
         going = Thinning(datetime.min.replace(tzinfo=before.tzinfo))
         if thinning is not None:
+            # A copy, which counts after the commit alone: a slice that failed is gone over again.
             going = Thinning(thinning.after, thinning.place, set(thinning.sensors))
         with self._context.database.writing() as session:
             row = find_machine(session, machine_id, RowLock.KEPT)

@@ -123,6 +123,8 @@ def _reread(context: Context, live: LiveMachine) -> None:
     machine, until = live.current.model.machine, context.usable_until()
     sensors = machine.sensors.values()
     window = timedelta(seconds=record_needed_s(sensors) + kept_spacing_s(sensors))
+    # Noted before the database is read: what is committed in between may be in both, and is taken
+    # once; the other way round it would be in neither.
     with live.noting_arrivals() as meanwhile:
         with context.database.reading() as session:
             # First of all: what is withdrawn from now on counts as not yet withdrawn.

@@ -362,6 +362,7 @@ class ReceiverTelling(Background):
     def _may_send(self, name: str, stored: StoredReceiver, now: datetime) -> bool:
         if name in self._pauses:
             return monotonic() >= self._pauses[name][0]
+        # A message that seems to be of the future, as the clock was set back, holds up none.
         return stored.sent_at is None or not timedelta(0) <= now - stored.sent_at < AT_MOST_EVERY
 
     def _sent(
@@ -370,6 +371,8 @@ class ReceiverTelling(Background):
         rules = receiver.rules
         pending_news = list(self._told(due, stored.announced))
         message = alarm_message(pending_news, rules.zone, rules.link)
+        # Sent before it is noted as sent, and in no transaction, as it may take seconds: a service
+        # that is killed in between tells it twice rather than never.
         failure = self._try(receiver, message)
         now = self._context.now()
         if failure:

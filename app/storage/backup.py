@@ -154,6 +154,8 @@ def restore_backup(
                     _copy_rows(source, target, table)
                 keys = restore_keys(source, target, before, with_keys=with_keys)
                 numbers = _last_numbers(source)
+                # Keys are not replaced: the target's own stay, and their numbers must not be given
+                # again.
                 numbers[KEYS] = max(numbers[KEYS], _last_numbers(target)[KEYS])
                 _continue_numbers(target, numbers)
                 note_restored_keys(target, keys, datetime.now(UTC))

@@ -104,6 +104,8 @@ def clock_ahead(database: Database, now: Callable[[], datetime]) -> timedelta | 
         session.connection()  # what takes long is not asked for between the clocks
         before = now()
         server: datetime = session.execute(text("SELECT clock_timestamp()")).scalar_one()
+        # The server looked at its clock somewhere between; half way is off by half of the time that
+        # it took at most.
         return server - (before + (now() - before) / 2)
 
 

@@ -198,6 +198,8 @@ class Database:
             on_sqlite = connection.dialect.name == "sqlite"
             driver: Any = connection.connection.dbapi_connection
             if on_sqlite:
+                # Before the transaction, and on again after it: within one SQLite passes over it
+                # without a word.
                 driver.execute("PRAGMA foreign_keys = OFF")
             try:
                 with connection.begin():
@@ -219,6 +221,8 @@ class Database:
             connection.begin(),
         ):
             if not self.is_sqlite:
+                # PostgreSQL's usual level shows each statement what is committed by then; a
+                # transaction of SQLite has one moment for all.
                 snapshot = "SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"
                 connection.exec_driver_sql(snapshot)
             yield connection
@@ -236,6 +240,8 @@ class Database:
         self._expect_no_service()
         with self._turn(ALONE), _as_storage_errors(), writer.begin() as connection:
             if not self.is_sqlite:
+                # A service that starts from now on waits before it changes a machine, whose row is
+                # locked first.
                 connection.exec_driver_sql("LOCK TABLE machine IN EXCLUSIVE MODE")
             yield connection
 

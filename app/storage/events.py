@@ -204,6 +204,7 @@ def read_tail(session: Session, after: int | None, most: int) -> LogTail:
         query = query.where(EventRow.number > after)
     rows = list(session.scalars(query.order_by(EventRow.number.desc()).limit(most)))
     entries = [(row.number or 0, _event(row)) for row in reversed(rows)]
+    # Just so many may be all that there are: `begins` then claims less than it could, never more.
     is_cut = len(rows) == most
     begins = entries[0][0] - 1 if is_cut else after or 0
     return LogTail(entries, begins, entries[-1][0] if entries else newest)

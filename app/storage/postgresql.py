@@ -334,6 +334,7 @@ class PostgresqlConnections:
 
     def close(self) -> None:
         """Give up all connections, and let whoever waits for one of them go."""
+        # First of all new ones are refused: who is broken off would else connect again.
         self._is_closed = True
         for connection in list(self._made):
             connection.broken_off = True
@@ -391,4 +392,5 @@ def _stated_ms(limits: Limits) -> list[tuple[str, int]]:
 
 
 def _ms(seconds: float | None) -> int:
+    # At least 1: rounded to 0 the shortest limit would be none.
     return 0 if seconds is None else max(1, round(1000 * seconds))

@@ -428,6 +428,7 @@ def delete_some_readings(session: Session, machine_id: str, before: datetime, mo
     times = list(session.scalars(oldest))
     if not times:
         return 0
+    # By a range of times: DELETE has no LIMIT in PostgreSQL, nor in most builds of SQLite.
     gone = session.connection().execute(
         delete(ReadingRow).where(
             ReadingRow.machine_id == machine_id, ReadingRow.time.between(times[0], times[-1])

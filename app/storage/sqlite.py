@@ -105,6 +105,7 @@ class SqliteConnections:
         options = connection.get_execution_options()
         limits: Limits = options.get("thermap_limits", self._limits)
         driver: Any = connection.connection.driver_connection
+        # Each time: a connection of the pool has what its last transaction was patient for.
         driver.execute(f"PRAGMA busy_timeout = {round(1000 * _patience_s(limits))}")
         writes = options.get("thermap_writes", False)
         # A transaction that has read is refused at once, however long it would wait, when it wants
