@@ -253,5 +253,7 @@ class FollowingConnection:
             return
         if any(one.value is not None for one in found):
             self._last_value_at = self._context().now()
+        # What has one time is one reading. Without a time it holds now: after all that were
+        # measured.
         for time in sorted({one.time for one in found}, key=lambda time: (time is None, time)):
             self._known.take({one.name: one.value for one in found if one.time == time}, time)

@@ -306,6 +306,7 @@ class Intake:
             collected.closing = loop.call_later(
                 self._limits.collect_s, self._close_this, key, collected
             )
+            # Those that are open are in memory, too, and topics may name any number of machines.
             if len(self._open) > self._limits.most_kept:
                 self._close(next(iter(self._open)))
         if time is None:
@@ -383,6 +384,8 @@ class Intake:
 
     async def _store(self, batch: Sequence[_Collected]) -> None:
         readings = [reading_group.reading() for reading_group in batch]
+        # In a thread, as it may take seconds. Others come meanwhile, and some of these may be
+        # dropped; nothing is added to them, since they are closed.
         await run_in_threadpool(store_readings, self._context(), batch[0].machine, readings)
         for collected in batch:
             self._settle(collected, Fate.STORED)

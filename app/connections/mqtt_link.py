@@ -149,6 +149,7 @@ class Link:
                     yield message
                 finally:
                     message.payload = b""  # it may wait for the database, its content does not
+            # All who set it run in this event loop: none can between the look above and this.
             self._something.clear()
             if self._is_gone:
                 raise LinkLost(self._is_gone)
@@ -236,6 +237,8 @@ class Link:
             raise LinkLost(self._is_gone)
         if rc != MQTTErrorCode.MQTT_ERR_SUCCESS or mid is None:
             raise LinkLost(f"contact is lost: {rc.name}")
+        # In time, although the request is out: nothing was awaited since, and answers come through
+        # this event loop.
         answer = self._answers[mid] = self._loop.create_future()
         try:
             async with asyncio.timeout(within_s):
@@ -288,6 +291,7 @@ class Link:
             self._client.disconnect(reason)
         self._lose("contact was ended")
         self._ends.set()
+        # The network's thread may be waiting for room that nobody makes any more.
         with self._room:
             self._room.notify()
         self._awake()

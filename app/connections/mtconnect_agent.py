@@ -216,6 +216,7 @@ async def _documents(response: httpx.Response, parts: Parts) -> AsyncGenerator[b
     async with asyncio.timeout(3 * HEARTBEAT_S) as limit:
         async for piece in response.aiter_raw():
             for document in parts.feed(piece):
+                # The time of whoever takes the document is not the agent's.
                 limit.reschedule(None)
                 yield document
                 limit.reschedule(loop.time() + 3 * HEARTBEAT_S)

@@ -49,6 +49,7 @@ class Place:
     def take_current(self, streams: Streams) -> list[Observation]:
         """Take what holds now, and begin or go on behind it."""
         self._note_restart(streams)
+        # After a restart there is none: its numbers cannot be compared with those before.
         if self._left_at is not None:
             self._note_gap(streams.next_sequence - self._left_at)
         self._left_at = None

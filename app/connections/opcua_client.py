@@ -372,6 +372,7 @@ class ServerFollower(Follower):
 
     def _repeat(self, confirmed: Sequence[str]) -> None:
         """Hand on again what holds and was not handed on for long."""
+        # There is a look only every LOOK_EVERY_S: better half of that too early than too late.
         due = _clock() - self._repeated_s + LOOK_EVERY_S / 2.0
         self._hand_on(
             [

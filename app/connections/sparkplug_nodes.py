@@ -125,9 +125,11 @@ class Nodes:
             node.session = _session(payload)
             node.seq, node.born = payload.seq, True
             self.unsure.discard((group, name))
+            # Before its metrics: what this birth does not name is not there any more.
             yield Heard(place, (), is_gone=True)
         elif not self._follows(node, payload):
             node.forget()
+            # Counted on from here: else each message that follows would count as a gap.
             node.seq, node.born = payload.seq, False
             self.unsure.add((group, name))
             yield Heard(place._replace(device=None), (), is_gone=True)
