@@ -67,6 +67,7 @@ def _render(table: ErrorTable, options: ReferenceOptions) -> Rendered:
 
 def _fitted(curve: Curve) -> Curve:
     """Keep the curve's own nodes where they fit, else an even grid."""
+    # Rounded before they are compared: in the file two that are too near would be one position.
     at = np.round(curve.positions_mm, _DECIMALS)
     if at.size > MOST_POINTS:
         at = even_positions(curve.positions_mm, MOST_POINTS, None, curve.code)
@@ -212,6 +213,7 @@ def _curve_of(section: _Section) -> Curve:
         raise line.refuse(f"at most {MOST_POINTS} points")
     columns = np.array(rows).T
     errors_um = columns[1:] * UM_PER_MM
+    # As the control does: a column of zeros is no table of the negative direction.
     backward = errors_um[1] if wanted == 2 and errors_um[1].any() else None
     return curve_read(curve_code(output, section.axis), columns[0], errors_um[0], backward)
 

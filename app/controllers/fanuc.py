@@ -141,6 +141,8 @@ def _render(table: ErrorTable, options: FanucOptions) -> Rendered:
     rendered_curves = []
     for code in codes:
         axis = code[2].lower()
+        # The increment of a point is that of the section that ends there, from the negative end
+        # (B-63980EN, parameter 3620 ff.): the first section is outside the table and has none.
         increments = np.diff(counts[code], prepend=counts[code][0]) * int(factor)
         first = _VALUES + columns.first[code]
         lines += [f"N{first + i}P{value}" for i, value in enumerate(increments.tolist())]
@@ -448,6 +450,8 @@ class _Read:
         at_reference = 0
         if (_BACKWARD_REFERENCE, number) in self.by_axis:
             at_reference = self._whole(_BACKWARD_REFERENCE, number)
+        # Parameter 3627 is in detection units, which are not magnified, and is of the direction
+        # opposite to reference position return (bit 5 of parameter 1006).
         shift = factor_of(options.sign) * at_reference * options.detection_unit_um
         returns_backward = self._bit(_RETURN, 5, number)
         if returns_backward is None:

@@ -137,6 +137,8 @@ def _grid(curves: Sequence[Curve], options: HeidenhainOptions) -> tuple[int, Flo
     """Choose the power of two, and lay the grid from the begin of the axis' curves."""
     low = down_to_finest(min(float(c.positions_mm[0]) for c in curves))
     high = max(float(c.positions_mm[-1]) for c in curves)
+    # Less a hair: where a power fits exactly, rounding of the logarithm would choose the next one,
+    # twice as coarse.
     finest = math.ceil(math.log2((high - low) / (MOST_ROWS - 1) / FINEST_MM) - 1e-9)
     power = options.power if options.power is not None else max(finest, FINEST_POWER)
     if power < finest or power > COARSEST_POWER:

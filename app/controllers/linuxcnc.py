@@ -180,6 +180,7 @@ def _rows(curve: Curve, options: LinuxCncOptions) -> tuple[str, Curve]:
         " ".join(plain(float(v), decimals) for v in row)
         for row in zip(nominal, *written, strict=True)
     ]
+    # Of the rounded numbers: what is said of the curve has to be true of the file.
     errors = [(w - nominal if options.type == 0 else 0.0 - w) * mm * UM_PER_MM for w in written]
     backward = errors[1] if curve.backward_errors is not None else None
     return "\n".join(rows) + "\n", Curve(curve.component, frozen(nominal * mm), errors[0], backward)

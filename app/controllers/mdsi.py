@@ -105,6 +105,8 @@ def _counts(curve: Curve, options: MdsiOptions) -> tuple[int, int, int]:
     grid = even_positions(
         curve.positions_mm, options.most_points, options.spacing_mm, "options.spacing_mm"
     )
+    # The file has whole counts: the spacing goes up and the start down, so that the grid still
+    # covers the curve with as few points.
     spacing = max(int(np.ceil((grid[1] - grid[0]) * per_mm - _ALMOST)), 1)
     start = int(np.floor(float(curve.positions_mm[0]) * per_mm + _ALMOST))
     high = float(curve.positions_mm[-1]) * per_mm
@@ -186,6 +188,7 @@ def _curve(
     if max(np.abs(side).max() for side in sides) * abs(factor) > LARGEST_ERROR_MM * UM_PER_MM:
         raise line.refuse(f"errors within ±{LARGEST_ERROR_MM:g} mm (options.counts_per_mm)")
     at = frozen((start + spacing * np.arange(count)) / options.counts_per_mm)
+    # Refuses positions that no axis reaches: a mistaken counts_per_mm shows here.
     line.position_mm(f"{max(abs(at[0]), abs(at[-1])):.6f}")
     axis = LINEAR_LETTERS[number]
     return curve_read(curve_code(axis, axis), at, sides[0] * factor, sides[1] * factor)

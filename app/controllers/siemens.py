@@ -154,6 +154,7 @@ def program(
                 others.append(name)
                 continue
             assignment = _assignment(raw, line.text)
+            # The last one counts, as in the control, which runs the file from top to bottom.
             if name in switches:
                 switched[name, assignment.indices] = assignment
             else:

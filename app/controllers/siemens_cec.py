@@ -118,6 +118,8 @@ def _render(table: ErrorTable, options: CecOptions) -> Rendered:
 def _table(
     number: int, curve: Curve, values: Sequence[str], direction: int, options: CecOptions
 ) -> list[str]:
+    # All of them, also those at their defaults: what the file leaves out keeps its old value in the
+    # control.
     settings = {
         "INPUT_AXIS": f"({_name_of(str(curve.component.axis), options)})",
         "OUTPUT_AXIS": f"({_name_of(curve.component.direction, options)})",
@@ -142,6 +144,8 @@ def _parse(files: Sequence[ControllerFile], options: CecOptions) -> Parsed:
         read = program(file, "AN_CEC", _SWITCHES, reading)
         tables = _tables_of(read)
         outputs = {number: _output_of(table, file, number) for number, table in tables.items()}
+        # Once for all tables: `switch` takes it out, and what is left over is said to switch
+        # nothing.
         axis_switches = {name: read.switch("MA_CEC_ENABLE", name) for name in outputs.values()}
         for number, table in tables.items():
             field = _field(file, number)

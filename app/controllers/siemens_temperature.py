@@ -66,6 +66,7 @@ def _render(table: ErrorTable, options: TemperatureOptions) -> Rendered:
     for axis in axes_of(table):
         name = of_axis(options.axes, axis, "axes")
         curve = table.curves[curve_code(axis, axis)]
+        # As it is written: K0 is the line's value at just that position.
         p0 = round(options.reference_position_mm.get(axis, 0.0), 4)
         k0, slope = _fit(curve, p0)
         if abs(slope) / UM_PER_MM > _STEEPEST or abs(k0) / UM_PER_MM > LARGEST_ERROR_MM:
@@ -100,6 +101,8 @@ def _fit(curve: Curve, p0_mm: float) -> tuple[float, float]:
     lengths = np.diff(nodes)
     weights = np.sqrt(np.concatenate([lengths, 4.0 * lengths, lengths]))
     centre, half = (nodes[0] + nodes[-1]) / 2.0, (nodes[-1] - nodes[0]) / 2.0
+    # About the middle, in half lengths: with positions far from 0 the two columns would be nearly
+    # parallel.
     columns = np.stack([np.ones(at.size), (at - centre) / half], axis=1)
     (mean, rise), *_ = np.linalg.lstsq(columns * weights[:, None], values * weights, rcond=None)
     slope = float(rise / half)

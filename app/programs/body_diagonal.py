@@ -98,6 +98,7 @@ def _walk(
     before = place_of(start - ray * path.manner.overrun_mm)
     behind = place_of(start + steps * way * step + ray * path.manner.overrun_mm)
     path.arrive(before)
+    # Coming from before it, as the runs do: reversal is not in the zero.
     path.go(places[0])
     path.stop(f"diagonal {diagonal}: align the beam along it, and zero the instrument here")
     path.go(before)

@@ -147,6 +147,7 @@ def _stretch(
     travel = travel_of(machine, axis)
     stated_low, stated_high = between_mm
     low = (
+        # The lower end has to be rounded up, inwards, and `whole_step` rounds down.
         -whole_step(-travel.min_mm - manner.overrun_mm)
         if stated_low is None
         else expect_whole("from", stated_low)

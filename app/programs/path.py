@@ -184,6 +184,7 @@ def whole_step(length_mm: float) -> float:
     """
     increments = length_mm * 10**DECIMALS
     nearest = round(increments)
+    # 1.001 × 1000 is 1000.9999999999999: rounded down it would lose a whole increment.
     whole = nearest if math.isclose(increments, nearest, rel_tol=1e-12) else math.floor(increments)
     return whole / 10**DECIMALS
 
@@ -268,6 +269,7 @@ class Path:
         InvalidContent
             If it lies outside the travel.
         """
+        # Without it a machine that stays in place would be retracted between its readings.
         if all(self.at_mm.get(axis) == round(mm, DECIMALS) for axis, mm in place_mm.items()):
             return
         self.retract()
@@ -333,6 +335,8 @@ class Path:
             self._expect_inside(axis, mm)
             low, high = self.used_mm.get(axis, (mm, mm))
             self.used_mm[axis] = (min(low, mm), max(high, mm))
+        # Only the machine knows how long a rapid move takes, and nobody where an axis stood at
+        # first: neither is counted.
         if feed_mm_per_min is not None and set(to) <= set(self.at_mm):
             length = math.dist([self.at_mm[a] for a in to], list(to.values()))
             self.seconds += length / feed_mm_per_min * SECONDS_PER_MIN

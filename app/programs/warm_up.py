@@ -203,6 +203,8 @@ class _Walk:
         now_s = self.path.seconds
         if self.running_s is None:
             self.running_s = (now_s, now_s) if speed_rpm else None
+        # Only a command that meets it turning moves the end: cooling down does not belong to
+        # running.
         elif self.path.speed_rpm:
             self.running_s = (self.running_s[0], now_s)
         self.path.spindle(speed_rpm)
