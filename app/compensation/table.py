@@ -213,6 +213,8 @@ def compensation_table(
         is_ok = sensor.health is Health.OK
         if not is_ok:
             failures[sensor.sensor] = sensor.detail
+        # A sensor that failed otherwise may state a number, too: it does not serve even where there
+        # is no other.
         if sensor.temperature_c is not None and (is_ok or sensor.health is Health.STALE):
             into = usable if is_ok else stale
             into[sensor.sensor] = sensor.temperature_c
@@ -321,6 +323,7 @@ def remarks(states: Iterable[GroupState]) -> list[str]:
             listed.append(f"{state.sensor} stands in for {state.group.sensor}: {codes}")
         beyond_c = state.limited_beyond_c
         if beyond_c is not None:
+            # Beyond the maps the weight is 0 or less, or 1 or more: ½ tells the sides apart.
             nearest = state.upper_map if state.weight > 0.5 else state.lower_map
             listed.append(
                 f"{state.sensor} at {state.temperature_c:g} °C is outside the maps: {codes} "

@@ -80,6 +80,8 @@ def step_towards(before: Curves, after: Curves, share: float, decimals: int) -> 
             start = _errors(before, code, at_mm, is_backward)
             way = share * (_errors(after, code, at_mm, is_backward) - start)
             grid = (start + way) * 10**decimals
+            # A number that is on the grid but for its last bits stays: it would else lose a whole
+            # step.
             down, up = np.floor(grid + _ROUNDING), np.ceil(grid - _ROUNDING)
             sides.append(np.where(way > 0.0, down, up) / 10**decimals + 0.0)
         entry = after.get(code) or before[code]
@@ -109,4 +111,5 @@ def _errors(curves: Curves, code: str, positions_mm: FloatArray, is_backward: bo
 
 
 def _rounded(errors: FloatArray, decimals: int) -> FloatArray:
+    # −0 + 0 is 0: no zero is written with a sign.
     return np.round(errors, decimals) + 0.0

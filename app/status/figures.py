@@ -80,6 +80,7 @@ def _lacking(state: GroupState, members: Sequence[Member]) -> Largest | None:
     lower = state.bracket.lower
     t_n, t_m = state.scale.temperatures_c[lower], state.scale.temperatures_c[lower + 1]
     going_on = (state.temperature_c - t_n) / (t_m - t_n)
+    # Of the compensation, which is −e: what is held less what goes on, and not the other way round.
     return largest_of(_of_difference(state, members, state.weight - going_on))
 
 

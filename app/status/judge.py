@@ -189,6 +189,8 @@ def judge(situation: Situation) -> MachineStatus:
 
 def _no_table(situation: Situation, why: ThermapError) -> Cause:
     """Say why there is no table."""
+    # In the order in which they have to be put right: without a model no reading is missed, and
+    # without readings no sensor has failed.
     if isinstance(why, NotEnoughMaps) or not situation.model.groups:
         return Cause(State.NO_MODEL, _no_model(situation.model.omitted))
     if situation.latest is None:
@@ -234,6 +236,8 @@ def _no_model(omitted: Mapping[str, str]) -> str:
 def _causes(
     situation: Situation, table: CompensationTable, beyond: Sequence[BeyondMaps]
 ) -> Iterator[Cause]:
+    # The order counts within a state alone: `judge` sorts by gravity and leaves equals as they
+    # come.
     yield from _old(situation, table)
     yield from _outside(situation, table, beyond)
     yield from _outside_before(situation, table)
@@ -321,6 +325,7 @@ def _late(situation: Situation, table: CompensationTable) -> Iterator[Cause]:
     sensors = {
         s.sensor: s
         for s in situation.sensors
+        # Where a sender says that there is no value, `_without_value` says so: that is no delay.
         if s.is_late and s.no_value_since is None and _resting_on(table, s.sensor)
     }
     if not sensors:
@@ -521,6 +526,8 @@ def _standing_in(situation: Situation, table: CompensationTable) -> Iterator[Cau
             continue
         is_used = bool(_resting_on(table, state.sensor))
         if state.health is Health.STALE:
+            # Of one that is used `_old` has spoken, and where nothing comes at all it is said of
+            # all at once.
             if not is_used and not _has_stopped(situation):
                 yield Cause(State.FRESH, _because(_not_read(situation, state), NOTHING_RESTS))
         else:
@@ -649,6 +656,7 @@ def _outside_since(
     if inside.size:
         return _time(times[first])
     state = State.EXTRAPOLATED if one.held_at is None else State.CLAMPED
+    # In all that is in memory it is outside: it began before that, and the log may know when.
     return min(_time(times[0]), situation.logged.states.get(state, situation.judged_at))
 
 

@@ -86,5 +86,6 @@ def _scatter(times_s: FloatArray, values_c: FloatArray) -> float:
     before, at, after = times_s[:-2], times_s[1:-1], times_s[2:]
     share = (at - before) / (after - before)
     beside = values_c[1:-1] - (1.0 - share) * values_c[:-2] - share * values_c[2:]
+    # Three readings of the same noise are in it, with these weights.
     of_one = beside / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
     return rms(of_one)

@@ -112,6 +112,8 @@ def find_bracket(
     >>> find_bracket([20.0, 24.0, 30.0], 35.0).status
     <Status.CLAMPED: 'clamped'>
     """
+    # NaN is below nothing, so that it comes out above the last map, as ∞ does: both are refused
+    # before anything is held there.
     upper = bisect_right(map_temperatures_c, temperature_c)
     if 0 < upper < len(map_temperatures_c):
         t_n, t_m = map_temperatures_c[upper - 1], map_temperatures_c[upper]
@@ -179,6 +181,7 @@ def find_brackets(
     last = scale.size - 2
     lower = np.clip(np.searchsorted(scale, t, side="right") - 1, 0, last)
     t_n, t_m = scale[lower], scale[lower + 1]
+    # Exactly 0 and 1 at the maps: neither 0/x nor x/x is rounded.
     weight = (t - t_n) / (t_m - t_n)
     number = np.full(t.shape, NUMBERS[Status.INTERPOLATED], dtype=np.int8)
     number[(t == t_n) | (t == t_m)] = NUMBERS[Status.AT_MAP]

@@ -145,6 +145,8 @@ def _thermal_states(
     clusters: list[list[ErrorMap]] = [[ordered[0]]]
     for error_map in ordered[1:]:
         first = clusters[-1][0]
+        # From the first of them, not from the one before: small gaps would else chain maps that the
+        # sensor tells apart.
         gap_c = error_map.temperatures_c[sensor.name] - first.temperatures_c[sensor.name]
         if sensor.resolves(gap_c):
             clusters.append([error_map])
@@ -356,6 +358,7 @@ def _scales(machine: Machine, sensor: str, states: Sequence[_State]) -> tuple[Sc
         measured = [t for t in temperatures if t is not None]
         if len(measured) < len(states):
             continue
+        # In the order of a stand-in the maps may follow each other differently.
         rows = np.argsort(measured, kind="stable")
         ordered = tuple(float(measured[row]) for row in rows)
         gaps = np.diff(ordered)

@@ -106,6 +106,7 @@ def williams_t(r_ya: float, r_yb: float, r_ab: float, n: int) -> float:
     if abs(difference) <= ROUNDING:
         return 0.0
     determinant = 1 - r_ya**2 - r_yb**2 - r_ab**2 + 2 * r_ya * r_yb * r_ab
+    # The determinant of three correlations is below 0 by rounding alone.
     scatter = 2 * (n - 1) / (n - 3) * max(determinant, 0.0)
     scatter += ((r_ya + r_yb) / 2) ** 2 * (1 - r_ab) ** 3
     if scatter <= 0.0:
