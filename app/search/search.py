@@ -325,7 +325,12 @@ def _answer(
         held_out=held_out,
         global_p=min(
             main.stages[0].global_p,
-            *(f.global_p for f, t in zip(every, main.terms, strict=True) if t.candidate.expected),
+            # What the model has already is no news, however sure it is.
+            *(
+                found.global_p
+                for found, term in zip(every, main.terms, strict=True)
+                if term.candidate.expected and found.origin is None
+            ),
             1.0,
         ),
         excluded=tuple(excluded),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from app.search.candidate import Known, KnownTerm
+from app.search.candidate import Expected, Known, KnownTerm
 from app.search.findings import Status, Verdict
 from app.search.rows import Datum
 from app.search.search import search
@@ -196,6 +196,23 @@ def test_how_likely_noise_gives_a_term_goes_by_the_term_itself():
     beside = found_in(campaign.plus(large + small), candidates, adopted=known)
     assert [term.key for term in beside.refitted] == ["reversal-0"]
     assert beside.refitted[0].global_p < 1e-6
+
+
+def test_a_mistake_that_the_model_has_already_says_nothing_of_chance():
+    """It is as sure as ever when it is fitted again, and nothing new is there."""
+    campaign = make_campaign(27, visits=16)
+    whole = Expected((1.0,), 0.05)
+    candidates = [
+        single(campaign, "map", "map", 0, lambda _: 2.0 * campaign.direction, expected=whole),
+        single(campaign, "reversal", "backlash", 1, lambda _: campaign.direction),
+    ]
+    mistaken = campaign.plus(2.0 * campaign.direction * campaign.on(0))
+    assert found_in(mistaken, candidates).global_p < 1e-6
+    known = Known([KnownTerm(candidates[0], None)], np.zeros(len(campaign.rows.values)))
+    beside = found_in(mistaken, candidates, adopted=known)
+    assert [term.key for term in beside.refitted] == ["map"]
+    assert beside.verdict is Verdict.NOTHING
+    assert beside.global_p > 0.05
 
 
 @pytest.mark.slow
