@@ -284,11 +284,11 @@ def _likely(state: State) -> Fixed:
     channel, best = state.fixed.channel, int(state.null.argmax())
     if channel.weight <= ESTIMATED_WEIGHT:
         return state.fixed
-    pairs = zip(channel.tried, state.believable.tolist(), strict=True)
+    pairs = [*zip(channel.tried, state.believable.tolist(), strict=True)]
     far = [s for s, it in pairs if not it and s.is_above(channel.tried[best])]
     # What scatters like observations makes them seem to scatter so much more, and set-ups less.
     times = max(float(state.scatter(state.rss[best])), 1.0)
-    is_near = [not any(s.is_above(f, times) for f in far) for s in channel.tried]
+    is_near = [it or not any(s.is_above(f, times) for f in far) for s, it in pairs]
     return replace(state.fixed, channel=channel.trying(np.array(is_near)))
 
 

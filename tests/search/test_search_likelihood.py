@@ -348,6 +348,21 @@ def test_scatters_that_are_above_all_that_shows_are_not_tried():
             assert np.linalg.eigvalsh(larger - smallest).min() > -1e-9
 
 
+def test_scatters_that_other_channels_show_are_tried_above_those_that_go():
+    """Draws of noise wander as they do: without them the channel's threshold would be too low."""
+    _, problem = SMALL
+    for c, fixed in problem.fixed.items():
+        channel = fixed.channel
+        shown = max(channel.tried)
+        alone = with_likely_scatters(problem).fixed[c].channel.tried
+        assert shown not in alone
+        expected = np.array([1.0 if scatter == shown else 1e-9 for scatter in channel.tried])
+        informed = replace(fixed, channel=replace(channel, expected=expected))
+        likely = with_likely_scatters(replace(problem, fixed={c: informed})).fixed[c].channel
+        assert {*likely.tried} == {*alone, shown}
+        assert likely.expected.argmax() == likely.tried.index(shown)
+
+
 def test_a_wander_is_above_another_where_its_spectrum_is():
     times = np.sort(np.random.default_rng(1).uniform(0.0, 300.0, 40))
     alone = np.zeros(len(times))
