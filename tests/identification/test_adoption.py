@@ -108,6 +108,7 @@ def stated_search(
     share=None,
     hidden=0.0,
     instead=None,
+    later=None,
 ):
     """Make a search that has found effects that claim what they say of rows."""
     rows = campaign() if rows is None else rows
@@ -136,7 +137,7 @@ def stated_search(
             return claimed[number] if predicted is None else predicted
 
         def later(self, effect):
-            return explained(effect)
+            return explained(effect) if later is None else later
 
         def later_with(self, rival):
             return claimed[0] if instead is None else instead
@@ -202,6 +203,14 @@ def test_what_an_instrument_may_have_done_as_well_is_not_adopted_unasked(tied, h
     (one,) = judged(right, right, terms=(term(rivals=(rival,)),), instead=0.0 * right)
     assert one.helps is helps
     assert helps or "it may come from the instrument" in one.why_not
+
+
+def test_what_adds_nothing_later_is_not_adopted_beside_an_instrument_either():
+    """A growth that is counted from the last of the observations may go on after it."""
+    right = swinging(campaign())
+    rival = Rival("scale", "instrument-compensation", 20.0, 1.0, 0.99, True)
+    (one,) = judged(right, right, terms=(term(rivals=(rival,)),), later=0.0 * right)
+    assert "it may come from the instrument" in one.why_not
 
 
 @pytest.mark.parametrize(("size", "helps"), [(1.8, False), (12.0, True)])

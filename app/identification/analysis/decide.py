@@ -349,11 +349,11 @@ def _ties(
     contribution = finished.later(effect)
     weighted = contribution[acts] / np.sum(finished.scatters[acts] ** 2, axis=1)
     size = float(weighted @ contribution[acts])
-    if size > 0.0:
-        for rival in term.rivals:
-            if rival.tied:
-                instead = _instead(finished, rival, contribution)
-                yield rival, float(weighted @ instead[acts]) / size
+    for rival in term.rivals:
+        if rival.tied:
+            instead = _instead(finished, rival, contribution)
+            # Of what adds nothing later, what ties needs no share either.
+            yield rival, float(weighted @ instead[acts]) / size if size > 0.0 else 0.0
 
 
 def _of_ties(
