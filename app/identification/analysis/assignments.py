@@ -3,9 +3,9 @@
 The sensor that a component follows was chosen of a few maps. Verifications may know better: that
 its maps are read by another sensor is looked for among all other effects (`other-sensor`), with a
 share of it that is estimated, and judged by set-ups that were held out, as these are. Where the
-share is the whole, to assign that sensor says the same of every table. It is proposed where the
-effect would be adopted, and none on the present sensor ties with it: a structure that answers late
-looks like one that follows another sensor.
+share may be the whole, that sensor is proposed where the effect would be adopted, none on the
+present sensor ties with it (a structure that answers late looks like one that follows another
+sensor), and what an assignment says, which is the whole, makes no held-out set-up markedly worse.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from math import hypot
 
 import numpy as np
 
+from app.arrays import FloatArray
 from app.effects.effect import Effect
 from app.effects.hypothesis import WHOLE
 from app.effects.kinds.other_sensor import OtherSensor
@@ -26,7 +27,7 @@ from app.errors import list_names
 from app.identification.analysis.analysis import Analysis, TriedAssignment
 from app.identification.analysis.finished_search import FinishedSearch
 from app.identification.analysis.found_effect import FoundEffect
-from app.identification.analysis.held_out_visits import size_left
+from app.identification.analysis.held_out_visits import markedly_worse, size_left, worse_words
 from app.identification.residuals.residuals import channel_unit
 
 
@@ -58,7 +59,8 @@ def found_assignments(
         for code in effects[number].components
         if helping[code] < 2
     ]
-    return tuple(sorted(found, key=lambda assignment: assignment.why_not is not None))
+    judged = [assignment for assignment in found if assignment is not None]
+    return tuple(sorted(judged, key=lambda assignment: assignment.why_not is not None))
 
 
 def said_first(answer: Analysis, machine_id: str) -> Analysis:
@@ -100,17 +102,24 @@ def _of_component(
     effect: FoundEffect,
     code: str,
     adopted: Sequence[Effect],
-) -> TriedAssignment:
-    """Hold held-out set-ups by the present sensor against the same by the other one."""
+) -> TriedAssignment | None:
+    """Hold held-out set-ups by the present sensor against the same by the other one.
+
+    To assign a sensor estimates nothing: set-ups in which others foretold a share of it know
+    nothing of the whole. None where there are none of these.
+    """
     term, names = finished.findings.terms[number], finished.residuals.rows.channels
-    foretold = finished.foretold(number)
-    channels = [c for c in term.channels if names[c] == code]
-    channels = channels or [c for c in term.channels if names[c] in POINT_CHANNELS]
-    acts = finished.use & np.isin(finished.rows.channel, channels)
-    if (foretold[acts] != 0.0).any():
-        acts &= foretold != 0.0
+    shows = [c for c in term.channels if names[c] in (code, *POINT_CHANNELS)]
+    channels = [c for c in shows if names[c] == code] or shows
+    is_held_out = np.isin(finished.set_up, finished.set_up[finished.foretold(number) != 0.0])
+    is_held_out &= finished.use & np.isin(finished.rows.channel, shows)
+    acts = is_held_out & np.isin(finished.rows.channel, channels)
+    if not acts.any():
+        return None
+    columns = finished.hypotheses[term.key].columns(finished.residuals.projection, term.theta)
+    whole = np.where(is_held_out, columns.sum(axis=1), np.nan)
     before, after = (
-        size_left(finished, prediction, acts) for prediction in (np.zeros(len(acts)), foretold)
+        size_left(finished, prediction, acts) for prediction in (np.zeros(len(whole)), whole)
     )
     present, other = effect.sensors
     unit = channel_unit(names[channels[0]]).symbol
@@ -125,7 +134,7 @@ def _of_component(
         f"{before:.3g} {unit}{where} on held-out set-ups"
     )
     also = f"; {list_names(as_good, 4)} would do as well" if as_good else ""
-    why = _why_not(effect, code, adopted)
+    why = _why_not(effect, code, adopted) or _why_not_whole(finished, whole, before, after)
     return TriedAssignment(
         component=code,
         present_sensor=present,
@@ -154,3 +163,11 @@ def _why_not(effect: FoundEffect, code: str, adopted: Sequence[Effect]) -> str:
             by = f" driven by {list_names(drivers, 3)}" if drivers else ""
             return f"{tie.kind} of {list_names(tie.components, 4)}{by} explains as much"
     return ""
+
+
+def _why_not_whole(finished: FinishedSearch, whole: FloatArray, before: float, after: float) -> str:
+    """Say where all of it is worse than none, although a share of it is not; empty: nowhere."""
+    worse = next(markedly_worse(finished, whole), None)
+    if worse is not None:
+        return worse_words(finished, worse)
+    return "" if after < before else "that is no less"
