@@ -81,7 +81,8 @@ class AnalysisRequest(Schema, example={"verifications": [1, 2, 3], "holdout_frac
     )
     effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Kinds of effects to look for; all of them where it is left out",
+        description="Kinds of effects to look for; all of them where it is left out. Without "
+        "`other-sensor` no sensor is proposed for a component",
         examples=[["thermal-lag", "backlash"]],
     )
     seed: Annotated[Integer, Field(ge=0, le=LARGEST_INTEGER)] = Field(

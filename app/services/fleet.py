@@ -55,7 +55,8 @@ class FleetRequest(Schema, example={"effects": ["thermal-lag"]}):
 
     effects: Annotated[list[str], Field(min_length=1, max_length=100)] | None = Field(
         None,
-        description="Kinds of effects to look for; all of them where it is left out",
+        description="Kinds of effects to look for; all of them where it is left out. Without "
+        "`other-sensor` no sensor is proposed for a component",
         examples=[["thermal-lag", "backlash"]],
     )
     holdout_fraction: Annotated[Number, Field(gt=0.0, lt=0.9)] = Field(
