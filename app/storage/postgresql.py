@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from threading import Lock
 from time import monotonic
 from typing import Any, Final
 from weakref import WeakSet
@@ -291,6 +292,7 @@ class PostgresqlConnections:
     def __init__(self, url: URL, limits: Limits) -> None:
         self._made: WeakSet[ImpatientConnection] = WeakSet()
         self._is_closed = False
+        self._closing = Lock()
         self._apart = _connect_args(url, limits)
         self.engine = self._engine(url, limits, POOL_SIZE, MOST_CONNECTIONS - POOL_SIZE)
         lock_s = TOGETHER_S if limits.lock_s is None else min(TOGETHER_S, limits.lock_s)
@@ -335,9 +337,10 @@ class PostgresqlConnections:
     def close(self) -> None:
         """Give up all connections, and let whoever waits for one of them go."""
         # First of all new ones are refused: who is broken off would else connect again.
-        self._is_closed = True
-        for connection in list(self._made):
-            connection.broken_off = True
+        with self._closing:
+            self._is_closed = True
+            for connection in self._made:
+                connection.broken_off = True
         self.engine.dispose()
         self.kept.close()
 
@@ -347,7 +350,9 @@ class PostgresqlConnections:
         if self._is_closed:
             raise psycopg.OperationalError("the service ends")
         connection = ImpatientConnection.connect(*arguments, **named)
-        self._made.add(connection)
+        with self._closing:
+            self._made.add(connection)
+            connection.broken_off = self._is_closed  # closed while it was made
         return connection
 
 
