@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from math import hypot
+from math import exp, hypot
 from typing import Final
 
 from app.arrays import FloatArray
+from app.search.priors import TRUST
 
 FAR_OFF: Final = "far-off"
 """The test of channels of few set-ups that are further from the model than usual."""
@@ -78,6 +79,11 @@ class Rival:
     """Whether it comes so close only with a constant beside it."""
     amplitudes: FloatArray | None = None
     beside: Mapping[int, FloatArray] = field(default_factory=dict)
+
+    @property
+    def weight(self) -> float:
+        """How probable it is beside the term, which has 1."""
+        return exp(-0.5 * TRUST * max(self.behind, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

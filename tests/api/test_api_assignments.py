@@ -34,7 +34,7 @@ async def furnish(client):
 
 
 async def analysed(client):
-    asked = {"verifications": list(range(1, VISITS + 1)), "effects": ["backlash"]}
+    asked = {"verifications": list(range(1, VISITS + 1)), "effects": ["backlash", "other-sensor"]}
     number = (await post(client, f"{ROOM}/analyses", asked, 202))["id"]
     deadline = time.monotonic() + 120.0
     while True:

@@ -38,7 +38,7 @@ from app.identification.analysis.shown_by_few import (
 from app.identification.residuals.residuals import channel_unit
 from app.search.findings import FLEXIBLE, FoundTerm, Rival
 from app.search.names import ALIKE, WALKS
-from app.search.priors import HARM, TRUST
+from app.search.priors import HARM
 from app.search.scatter import LONG_MIN
 from app.search.validation import ABOVE_ZERO
 from app.units import SECONDS_PER_MIN
@@ -324,8 +324,8 @@ def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) ->
     if kind.constant and is_of_one_hour(finished, effect, term):
         yield World(0.0, OF_ONE_HOUR)
     unseen = World(1.0 - finished.hidden_share(effect), BY_ITS_NAME_ALONE)
-    if unseen.change > 0.0 and not finished.is_name_sure(effect, term):
-        yield unseen
+    if unseen.change > 0.0 and (doubt := finished.doubt_of_name(effect, term)) > 0.0:
+        yield unseen._replace(weight=doubt)
     if _is_of_a_short_time(effect) and not finished.is_name_sure(effect, term):
         yield World(0.0, OF_A_SHORT_TIME)
     # Several such causes may all have made what each of them can.
@@ -367,7 +367,7 @@ def _of_ties(
             f"{rival.family} explains these observations as well ({kind.text}), and then "
             f"{share:.2f} of it would be needed later"
         )
-        yield World(share, words, error, float(np.exp(-0.5 * TRUST * max(rival.behind, 0.0))))
+        yield World(share, words, error, rival.weight)
 
 
 def _instead(finished: FinishedSearch, rival: Rival, contribution: FloatArray) -> FloatArray:

@@ -146,15 +146,23 @@ class FinishedSearch:
         Of the longest time constant nobody knows whether a still longer one, a drift, or what the
         library lacks would be better.
         """
+        return self.doubt_of_name(effect, term) == 0.0
+
+    def doubt_of_name(self, effect: Effect, term: FoundTerm) -> float:
+        """Say how probable other names are beside that of an effect, which has 1; at most as much.
+
+        Of what ties, by how far it is behind.
+        """
         kind = kind_of(effect.kind)
-        is_tied = any(
-            rival.tied and not do_the_same(self.hypotheses[rival.key], effect)
+        is_doubted = bool(kind.never_sure or kind.doubt(effect) or self.is_slowest(term))
+        if term.status is not Status.CONFIRMED or is_doubted or self.is_proxy(effect, term):
+            return 1.0
+        ties = [
+            rival.weight
             for rival in term.rivals
-        )
-        is_doubted = bool(is_tied or kind.never_sure or kind.doubt(effect) or self.is_slowest(term))
-        return (
-            term.status is Status.CONFIRMED and not is_doubted and not self.is_proxy(effect, term)
-        )
+            if rival.tied and not do_the_same(self.hypotheses[rival.key], effect)
+        ]
+        return min(sum(ties), 1.0)
 
     def is_slowest(self, term: FoundTerm) -> bool:
         """Say whether a term has the longest time constant that was tried for it."""
