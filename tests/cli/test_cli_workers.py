@@ -40,6 +40,8 @@ def worker_that_answers(url):
         answer = httpx.get(f"{url}/metrics", trust_env=False, timeout=SOON_S)
     except httpx.TransportError:
         return None
+    if answer.status_code != 200:  # it does not reach its database yet
+        return None
     lines = answer.text.splitlines()
     (line,) = [one for one in lines if one.startswith("thermap_machines_in_memory{")]
     return line.partition('worker="')[2].partition('"')[0]
