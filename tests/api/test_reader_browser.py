@@ -49,6 +49,17 @@ def test_a_comma_is_typed_and_shown_in_german(chromium, shop):  # noqa: F811
         assert answer["axes"]["x"]["max_mm"] == 1500.125
 
 
+def test_longer_words_do_not_run_into_the_clock(chromium, shop):  # noqa: F811
+    with shop.open(), opened(chromium, shop, **GERMAN) as (page, _):
+        for width in (1100, 1101, 1200, 1280):
+            page.set_viewport_size({"width": width, "height": 800})
+            page.goto(f"{shop.url}{ROOM.removeprefix('/v1')}/setup")
+            pages, clock = (page.locator(f".bar {one}").bounding_box() for one in ("nav", ".right"))
+            is_beside = pages["x"] + pages["width"] <= clock["x"]
+            assert is_beside or clock["y"] >= pages["y"] + pages["height"] - 1
+            assert page.locator(".bar nav").evaluate("e => getComputedStyle(e).overflowX") == "auto"
+
+
 def test_fahrenheit_and_inches_are_typed_and_stored_as_celsius_and_millimetres(
     chromium,  # noqa: F811
     shop,  # noqa: F811
