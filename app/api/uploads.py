@@ -39,7 +39,6 @@ from app.files.delimited_text import (
     Problems,
     UnreadableFile,
     only_sheet,
-    read_sheets,
     sheets_of,
 )
 from app.files.file_kind import FileKind, is_json, json_of, refuse_other_kind
@@ -292,11 +291,6 @@ async def uploaded_verification(
     return await in_a_thread(
         lambda: read_uploaded_verification(content, name, machine, is_planned=is_planned)
     )
-
-
-def read_error_map(file: Path, header: Header) -> FoundMap:
-    """Read an error map's table and check all of it, as `parse_error_map` does."""
-    return parse_error_map(read_sheets(file), file, header)
 
 
 def parse_error_map(sheets: Mapping[str, str], file: Path, header: Header) -> FoundMap:

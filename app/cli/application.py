@@ -6,7 +6,6 @@ without the service, the client or any numerics.
 
 from __future__ import annotations
 
-import gc
 import io
 import sys
 from importlib import import_module
@@ -101,11 +100,7 @@ class Commands(TyperGroup):
 def load(name: str) -> Any:
     """Load a command, or a group of commands."""
     module, attribute = _HOMES.get(name, (name, name))
-    gc.disable()  # what is imported stays: going through it again and again is a fifth of the time
-    try:
-        command = getattr(import_module(f"app.cli.{module}"), attribute)
-    finally:
-        gc.enable()
+    command = getattr(import_module(f"app.cli.{module}"), attribute)
     if not isinstance(command, typer.Typer):
         alone = typer.Typer(
             add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from app.api.uploads import read_error_map
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile
 from app.thermal.error_map import ComponentAnswer
+from tests.files.error_map_files import read_error_map
 from tests.files.test_spreadsheets import as_text, workbook
 
 STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"bed": 20.5})

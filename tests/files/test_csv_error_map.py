@@ -4,11 +4,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.api.uploads import read_error_map
 from app.files.csv_comments import Header
 from app.files.delimited_text import UnreadableFile, read_text
 from app.storage.error_maps import same_content
 from app.thermal.error_map import ComponentAnswer, ComponentSchema
+from tests.files.error_map_files import read_error_map
 
 HEAD = """\
 # label: Run #1

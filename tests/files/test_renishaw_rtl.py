@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.api.uploads import read_error_map
 from app.files.csv_comments import Header
 from app.files.delimited_text import UnreadableFile, read_text
 from app.files.instrument_files import format_of_text
 from app.files.instrument_files.renishaw_rtl import read_renishaw_rtl
+from tests.files.error_map_files import read_error_map
 
 NAME = Path("x.rtl")
 

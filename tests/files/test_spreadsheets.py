@@ -6,11 +6,12 @@ import pytest
 from openpyxl import Workbook
 
 from app.api.methods.registry import METHODS
-from app.api.uploads import read_error_map, read_uploaded_verification
+from app.api.uploads import read_uploaded_verification
 from app.files.csv_comments import Header
 from app.files.csv_verification import read_csv_verification
 from app.files.delimited_text import UnreadableFile, read_text
 from app.files.recording import read_recording
+from tests.files.error_map_files import read_error_map
 
 STATED = Header("Run #1", "2026-03-01T06:00:00Z", {"x-middle": 20.1})
 

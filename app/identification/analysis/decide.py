@@ -311,7 +311,10 @@ def _as_found(finished: FinishedSearch, number: int, others: FloatArray) -> Worl
 
 
 def _worlds(finished: FinishedSearch, effects: Sequence[Effect], number: int) -> Iterator[World]:
-    """List what may be true instead of an effect, by whatever name, each as likely as that."""
+    """List what may be true instead of an effect and of all that ties with it, as likely as these.
+
+    Less likely is only what hangs on a name against which nothing but ties speaks.
+    """
     effect, term = effects[number], finished.findings.terms[number]
     kind = kind_of(effect.kind)
     if kind.may_be_instruments(effect):

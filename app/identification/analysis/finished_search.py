@@ -149,9 +149,9 @@ class FinishedSearch:
         return self.doubt_of_name(effect, term) == 0.0
 
     def doubt_of_name(self, effect: Effect, term: FoundTerm) -> float:
-        """Say how probable other names are beside that of an effect, which has 1; at most as much.
+        """Say how probable another name is, from 0 to 1; that of the effect has 1.
 
-        Of what ties, by how far it is behind.
+        Where only ties speak against it, their weights together; else nobody knows, which is 1.
         """
         kind = kind_of(effect.kind)
         is_doubted = bool(kind.never_sure or kind.doubt(effect) or self.is_slowest(term))

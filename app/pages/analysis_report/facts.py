@@ -37,10 +37,6 @@ def head_facts(head: ReportHead, result: Analysis) -> Mapping[str, str]:
     }
 
 
-def _observations(result: Analysis) -> str:
-    return f"{counted(result.values, 'value')} of {counted(result.visits, 'visit')}"
-
-
 def _model(head: ReportHead) -> str:
     """Name the version with the effects that it had before."""
     had = counted(len(head.had), "adopted effect")

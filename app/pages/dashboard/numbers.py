@@ -94,15 +94,6 @@ def difference(value_k: float) -> float:
     return value_k * F_PER_K if reader().temperature == "°F" else value_k
 
 
-def with_readers_unit(value: float, unit: str) -> tuple[float, str]:
-    """Give a value and its unit as the reader wants them: differences in K, positions in mm."""
-    if unit == "K":
-        return difference(value), difference_unit()
-    if unit == "mm" and reader().length != "mm":
-        return value / MM_PER_INCH, reader().length
-    return value, unit
-
-
 def difference_unit() -> str:
     """Name the unit of a difference of temperatures."""
     return "°F" if reader().temperature == "°F" else "K"
